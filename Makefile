@@ -66,7 +66,6 @@ kills: $(TOOLS)
 	@OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python -m tests.kills --moments $(MOMENTS)
 
 bench: $(TOOLS)
-	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
 	@$(BIN)/python tools/measure_speed.py
 	@if test -d '$(DATA)'; then $(BIN)/lightprobe bench --data '$(DATA)'; \
 	else echo 'SKIPPED the scenes: there is no folder $(DATA); run make bench DATA=FOLDER'; fi

@@ -35,7 +35,7 @@ INDEXED = {"index", "index_put", "index_put_"}  # so does a mask
 
 def compute_as_a_gpu_does(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let all computation be operators of PyTorch, without the looks at values that only a CPU takes."""
-    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.REFERENCE)
+    monkeypatch.setattr(dispatch, "backend_for", lambda device: dispatch.Backend.REFERENCE)
     monkeypatch.setattr(dispatch, "require_index", lambda *_: None)
     monkeypatch.setattr(cubemap, "_on_cpu", lambda tensor: False)
     monkeypatch.setattr(transport, "look_up", lambda device: taps.GatheredTaps)

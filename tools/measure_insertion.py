@@ -28,7 +28,7 @@ from insertion.stills import CASES, Case, camera_of, glb, model_of, moved, true_
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
 from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
-from lightprobe.insertion import Insertion, PhotoView, Thing, Wish, insert, load_thing
+from lightprobe.insertion import Insertion, PhotoView, Placement, VirtualObject, insert, load_virtual_object
 from lightprobe.insertion.placement import ground_height, place
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
@@ -90,10 +90,10 @@ def _trace(
 ) -> None:
     from insertion.truth import photograph
 
-    thing = load_thing(folder / "thing.glb")
+    thing = load_virtual_object(folder / "thing.glb")
     vertices = known.asset.mesh.vertices
-    placed = place(thing, vertices, known.similarity, camera, mask, Wish(scale=case.scale))
-    matrix, offset = similarity(thing.vertices.numpy(), placed.thing.vertices.numpy())
+    placed = place(thing, vertices, known.similarity, camera, mask, Placement(scale=case.scale))
+    matrix, offset = similarity(thing.vertices.numpy(), placed.virtual.vertices.numpy())
     there = moved(other, matrix, offset)
     without = photograph(pot, None, environment, camera, placed.ground, samples)
     write_png(folder / "photo.png", without)
@@ -125,9 +125,12 @@ def score(scene: Scene, inserted: Insertion) -> dict[str, float]:
 
 def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
     """Return scores by light and object: true, and those of a run."""
-    thing, view = load_thing(scene.folder / "thing.glb"), PhotoView(scene.photo, scene.mask, scene.camera)
+    thing, view = (
+        load_virtual_object(scene.folder / "thing.glb"),
+        PhotoView(scene.photo, scene.mask, scene.camera),
+    )
     anchor = json.loads((scene.folder / "place.json").read_text())
-    wish = Wish(tuple(anchor["at"]), anchor["scale"])
+    wish = Placement(tuple(anchor["at"]), anchor["scale"])
     true = insert(scene.known, Environment.from_panorama(scene.environment), view, thing, wish)
     _show(scene, true, "true")
     scores = {"true light and object": score(scene, true)}
@@ -138,7 +141,7 @@ def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
     return scores
 
 
-def _of_run(scene: Scene, predictor: Predictor, thing: Thing, wish: Wish) -> Insertion:
+def _of_run(scene: Scene, predictor: Predictor, thing: VirtualObject, wish: Placement) -> Insertion:
     """Return the insertion under the light that a run predicts from the photo, beside the object it
     reconstructed.
     """

@@ -24,12 +24,8 @@ def load_addon(path):
 
 def lamp(item):
     towards = item.matrix_world.to_3x3() @ Vector((0, 0, 1))
-    return {
-        "energy": item.data.energy,
-        "color": list(item.data.color),
-        "angle": item.data.angle,
-        "towards": list(towards),
-    }
+    data = item.data
+    return {"energy": data.energy, "color": list(data.color), "angle": data.angle, "towards": list(towards)}
 
 
 def middle_pixel(position, target, folder, side):
@@ -72,11 +68,8 @@ def main(given):
     meshes = [item for item in bpy.data.objects if item.type == "MESH"]
     corners = [item.matrix_world @ vertex.co for item in meshes for vertex in item.data.vertices]
     world = bpy.context.scene.world
-    images = (
-        []
-        if world is None
-        else [n.image.filepath for n in world.node_tree.nodes if n.type == "TEX_ENVIRONMENT"]
-    )
+    nodes = [] if world is None else world.node_tree.nodes
+    images = [node.image.filepath for node in nodes if node.type == "TEX_ENVIRONMENT"]
     shaders = [n for m in bpy.data.materials for n in m.node_tree.nodes if n.type == "BSDF_PRINCIPLED"]
     lamps = [lamp(item) for item in bpy.data.objects if item.type == "LIGHT"]
     views = given.get("views", {})

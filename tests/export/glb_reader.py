@@ -1,6 +1,4 @@
-"""A small reader of GLB files for tests, written from the glTF 2.0 specification and independent of the
-writer.
-"""
+"""A small reader of GLB files for tests, written from the glTF 2.0 specification alone."""
 
 import io
 import json

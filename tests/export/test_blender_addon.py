@@ -1,6 +1,4 @@
-"""The add-on in Blender itself: mesh, world and lamps lie where the user's photos have them, as bright as
-they are.
-"""
+"""The add-on in Blender itself: mesh, world and lamps lie where the user's photos have them, as bright."""
 
 import importlib.util
 import json
@@ -27,6 +25,12 @@ from tests.shapes import sphere_mesh
 
 SCRIPT = Path(__file__).with_name("blender_scene.py")
 TOLD = {"format": "lightprobe light", "version": 1}
+LAMP = {
+    "direction": [0, 0, 2],
+    "angular_radius_deg": 0.5,
+    "irradiance_rgb": [2.0, 1.0, 0.5],
+    "uncertainty": 0.1,
+}
 ROOT = Path(__file__).parents[2]
 
 
@@ -48,9 +52,8 @@ pytestmark = [
 
 def in_blender(folder: Path, *files: str, **given) -> dict:
     """Import files through the add-on and return what is in Blender then."""
-    with resources.as_file(
-        resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py"
-    ) as addon:
+    addon = resources.files("lightprobe") / "assets" / "blender" / "lightprobe_import.py"
+    with resources.as_file(addon) as addon:
         given |= {"addon": str(addon), "folder": str(folder), "files": files}
         command = [blender_python(), str(SCRIPT), json.dumps(given)]
         done = subprocess.run(command, capture_output=True, text=True, timeout=300)
@@ -58,23 +61,24 @@ def in_blender(folder: Path, *files: str, **given) -> dict:
     return json.loads(done.stdout.strip().splitlines()[-1])
 
 
+def white_ball() -> Asset:
+    one, up = torch.ones(8, 8), torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3)
+    return Asset(sphere_mesh(3), Textures(torch.ones(8, 8, 3), one, 0 * one, up))
+
+
 @pytest.fixture(scope="module")
 def exported(tmp_path_factory):
     """A white matte ball, as `lightprobe export` writes it, with a light of six colours in env/."""
     folder = tmp_path_factory.mktemp("exported")
-    one = torch.ones(8, 8)
-    up = torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3)
-    asset = Asset(sphere_mesh(3), Textures(torch.ones(8, 8, 3), one, 0 * one, up))
-    write_mesh(asset, SIMILARITY, folder / "mesh.glb")
+    write_mesh(white_ball(), SIMILARITY, folder / "mesh.glb")
     Environment(marked_cubemap()).save(folder / "env" / "six.exr")
     return folder
 
 
 def seen_from(direction: tuple[float, ...]) -> list[float]:
     """Return where a camera stands that the ball fills more than the middle of the picture of."""
-    return (
-        SIMILARITY.center + 4 * SIMILARITY.scale * np.array(direction) / np.linalg.norm(direction)
-    ).tolist()
+    away = np.array(direction) / np.linalg.norm(direction)
+    return (SIMILARITY.center + 4 * SIMILARITY.scale * away).tolist()
 
 
 def received(light: torch.Tensor, normal: tuple[float, ...]) -> np.ndarray:
@@ -86,29 +90,19 @@ def received(light: torch.Tensor, normal: tuple[float, ...]) -> np.ndarray:
 
 
 def assert_lambert(pixel: list[float], irradiance: np.ndarray) -> None:
-    """Check the radiance of a white matte surface; its varnish of F0 = .04 keeps some light from what lies
-    below.
-    """
+    """Check the radiance of a white matte surface, less what its varnish of F0 = .04 keeps."""
     share = math.pi * np.array(pixel) / irradiance
     assert share.min() > 0.8, share
     assert share.max() < 1.05, share
 
 
 def light_file(path: Path, sun: str, **changed) -> None:
-    source = {
-        "direction": [0, 0, 2],
-        "angular_radius_deg": 0.5,
-        "irradiance_rgb": [2.0, 1.0, 0.5],
-        "uncertainty": 0.1,
-    }
-    path.write_text(json.dumps({**TOLD, "map": {"sun": sun}, "sources": [{**source, **changed}]}))
+    path.write_text(json.dumps({**TOLD, "map": {"sun": sun}, "sources": [LAMP | changed]}))
 
 
 def test_mesh_and_world_are_in_the_user_s_frame(exported):
-    center, normals = (
-        SIMILARITY.center,
-        {"side": (2.0, -1.0, 0.5), "top": (0.3, 0.2, 1.0)},
-    )  # tell all mirrors apart
+    center = SIMILARITY.center
+    normals = {"side": (2.0, -1.0, 0.5), "top": (0.3, 0.2, 1.0)}  # tell all mirrors apart
     views = {name: seen_from(normal) for name, normal in normals.items()}
     found = in_blender(exported, "mesh.glb", views=views, target=center.tolist(), side=9)
     assert found["result"] == ["FINISHED"]
@@ -125,14 +119,8 @@ def test_lamps_shine_from_where_the_file_says_as_bright_as_it_says(exported):
     Environment(torch.zeros(6, 8, 8, 3)).save(exported / "dark.exr")
     light_file(exported / "dark.light.json", "separate")
     center = SIMILARITY.center
-    found = in_blender(
-        exported,
-        "mesh.glb",
-        "dark.exr",
-        views={"above": seen_from((0, 0, 1))},
-        target=center.tolist(),
-        side=9,
-    )
+    given = {"views": {"above": seen_from((0, 0, 1))}, "target": center.tolist(), "side": 9}
+    found = in_blender(exported, "mesh.glb", "dark.exr", **given)
     lamp = found["lamps"][0]
     assert lamp["towards"] == pytest.approx([0, 0, 1], abs=1e-5)
     assert lamp["angle"] == pytest.approx(math.radians(1))
@@ -141,15 +129,11 @@ def test_lamps_shine_from_where_the_file_says_as_bright_as_it_says(exported):
 
 
 def test_lamps_that_the_glb_has_too_shine_once(tmp_path):
-    one, lamp = torch.ones(8, 8), LightSource((0.0, 0.6, 0.8), math.radians(3), (2.0, 1.0, 0.5))
-    asset = Asset(
-        sphere_mesh(3), Textures(torch.ones(8, 8, 3), one, 0 * one, torch.tensor([0.0, 0, 1]).expand(8, 8, 3))
-    )
-    decomposition = Decomposition(asset, {}, SIMILARITY)
+    lamp = LightSource((0.0, 0.6, 0.8), math.radians(3), (2.0, 1.0, 0.5))
+    decomposition = Decomposition(white_ball(), {}, SIMILARITY)
     export(decomposition, tmp_path, {}, light=SceneLight(np.ones((64, 128, 3), np.float32), (lamp,)))
-    (found,), (alone,) = (
-        in_blender(tmp_path, "scene.glb", with_light=given)["lamps"] for given in (True, False)
-    )
+    ways = (in_blender(tmp_path, "scene.glb", with_light=given) for given in (True, False))
+    (found,), (alone,) = (way["lamps"] for way in ways)
     assert found["angle"] == pytest.approx(math.radians(6), abs=1e-5)
     for one_lamp in (found, alone):  # that of the file beside the map, and the GLB's own
         assert one_lamp["towards"] == pytest.approx(lamp.direction, abs=1e-5)
@@ -188,13 +172,7 @@ def test_another_scene_of_the_file_keeps_its_lamps(exported):
 
 def test_a_light_file_of_the_other_format_s_map_brings_no_lamps(exported):
     Environment(torch.ones(6, 8, 8, 3)).save(exported / "two.exr")
-    source = {
-        "direction": [0, 0, 2],
-        "angular_radius_deg": 0.5,
-        "irradiance_rgb": [2.0, 1.0, 0.5],
-        "uncertainty": 0.1,
-    }
-    told = {**TOLD, "map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [source]}
+    told = {**TOLD, "map": {"file": "two.hdr", "copies": [], "sun": "separate"}, "sources": [LAMP]}
     (exported / "two.light.json").write_text(json.dumps(told))
     assert in_blender(exported, "two.exr")["lamps"] == []
     told["map"]["copies"] = ["two.exr"]

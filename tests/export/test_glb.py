@@ -58,19 +58,15 @@ def test_positions_are_the_users_turned_y_up(written, glb):
 
 def test_corners_keep_their_texture_coordinates_and_normals(written, glb):
     mesh = written[0].mesh
-    assert np.array_equal(
-        glb.attribute("TEXCOORD_0")[glb.faces().ravel()], mesh.uvs.numpy()[mesh.uv_faces.numpy().ravel()]
-    )
+    expected = mesh.uvs.numpy()[mesh.uv_faces.numpy().ravel()]
+    assert np.array_equal(glb.attribute("TEXCOORD_0")[glb.faces().ravel()], expected)
     x, y, z = vertex_normals(mesh.vertices, mesh.faces).numpy()[mesh.faces.numpy()[:-1].ravel()].T
-    assert (
-        np.abs(glb.attribute("NORMAL")[glb.faces()[:-1].ravel()] - np.stack([x, z, -y], axis=1)).max() < 1e-5
-    )
+    found = glb.attribute("NORMAL")[glb.faces()[:-1].ravel()]
+    assert np.abs(found - np.stack([x, z, -y], axis=1)).max() < 1e-5
 
 
 def test_normal_map_means_in_gltf_what_it_means_in_the_renderer(written, glb):
-    """The bitangent w (n x t) points up in the picture (towards -v), as glTF and Blender's MikkTSpace take
-    it.
-    """
+    """The bitangent w (n x t) points up in the picture (towards -v), as in glTF and Blender's MikkTSpace."""
     position, uv, faces = glb.attribute("POSITION").astype(float), glb.attribute("TEXCOORD_0"), glb.faces()
     normals, tangents = glb.attribute("NORMAL"), glb.attribute("TANGENT")
     bitangent = np.cross(normals, tangents[:, :3]) * tangents[:, 3:]
@@ -143,11 +139,8 @@ def test_a_light_whose_name_is_a_path_is_refused_before_anything_is_written(tmp_
     asset = Asset(sphere_mesh(1), toy_textures(8))
     (tmp_path / "precious.exr").write_bytes(b"mine")
     for name in ("../../precious", str(tmp_path / "precious"), ".."):
+        light = Environment(torch.ones(6, 8, 8, 3))
         with pytest.raises(InputError, match="plain name"):
-            export(
-                Decomposition(asset, {}, SIMILARITY),
-                tmp_path / "out",
-                {name: Environment(torch.ones(6, 8, 8, 3))},
-            )
+            export(Decomposition(asset, {}, SIMILARITY), tmp_path / "out", {name: light})
     assert [path.name for path in tmp_path.iterdir()] == ["precious.exr"]
     assert (tmp_path / "precious.exr").read_bytes() == b"mine"

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from lightprobe.export.lamps import DirectionalLight
+from lightprobe.export.glb import DirectionalLight
 from lightprobe.light.sources import LightSource
 
 

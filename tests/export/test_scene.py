@@ -94,9 +94,8 @@ def test_khronos_validator_has_nothing_to_say_about_lamps(folder):
 def test_usd_s_own_validators_find_nothing(folder, name):
     usd, validation = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
     registry = validation.ValidationRegistry()
-    every = registry.GetOrLoadValidatorsByName(
-        [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
-    )
+    names = [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
+    every = registry.GetOrLoadValidatorsByName(names)
     assert len(every) > 10
     stage = usd.Stage.Open(str(folder / name))
     found = validation.ValidationContext(every).Validate(stage)
@@ -107,9 +106,8 @@ def test_usd_s_validators_find_what_is_wrong():
     usd, validation = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
     registry = validation.ValidationRegistry()
     names = [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
-    found = validation.ValidationContext(registry.GetOrLoadValidatorsByName(names)).Validate(
-        usd.Stage.CreateInMemory()
-    )
+    every = validation.ValidationContext(registry.GetOrLoadValidatorsByName(names))
+    found = every.Validate(usd.Stage.CreateInMemory())
     assert found
 
 
@@ -130,9 +128,8 @@ def test_usd_has_the_mesh_the_material_and_the_lights(folder):
     connected = {one.GetBaseName() for one in surface.GetInputs() if one.HasConnectedSource()}
     assert connected == {"diffuseColor", "metallic", "roughness", "normal", "occlusion"}
     distant = lux.DistantLight.Get(stage, "/scene/sun_1")
-    assert np.multiply(distant.GetColorAttr().Get(), distant.GetIntensityAttr().Get()) == pytest.approx(
-        LAMPS[0].irradiance
-    )
+    irradiance = np.multiply(distant.GetColorAttr().Get(), distant.GetIntensityAttr().Get())
+    assert irradiance == pytest.approx(LAMPS[0].irradiance)
     assert distant.GetAngleAttr().Get() == pytest.approx(6)
     matrix = distant.ComputeLocalToWorldTransform(Usd.TimeCode.Default())
     assert np.array(matrix.TransformDir(Gf.Vec3d(0, 0, -1))) == pytest.approx([-0.48, -0.64, 0.6], abs=1e-6)
@@ -150,15 +147,10 @@ def test_the_dome_shows_the_map_where_the_file_has_it(folder):
     matrix = dome.ComputeLocalToWorldTransform(Usd.TimeCode.Default())
     height, width = image.shape[:2]
     for row, column in ((20, 5), (40, 70), (5, 100), (60, 33)):
-        latitude, longitude = (
-            math.pi * (0.5 - (row + 0.5) / height),
-            math.pi * (1 - 2 * (column + 0.5) / width),
-        )
-        local = Gf.Vec3d(
-            math.sin(longitude) * math.cos(latitude),
-            math.sin(latitude),
-            math.cos(longitude) * math.cos(latitude),
-        )
+        latitude = math.pi * (0.5 - (row + 0.5) / height)
+        longitude = math.pi * (1 - 2 * (column + 0.5) / width)
+        across = math.cos(latitude)
+        local = Gf.Vec3d(math.sin(longitude) * across, math.sin(latitude), math.cos(longitude) * across)
         x, y, z = matrix.TransformDir(local)
         assert image[row, column] == pytest.approx(1 + 0.5 * np.array([x, -z, y]), abs=0.02)  # user's axes
 

@@ -15,9 +15,8 @@ def toy_textures(size: int = 32) -> Textures:
     ramp = torch.linspace(0, 1, size)
     color = torch.stack((*torch.meshgrid(ramp, ramp, indexing="ij"), torch.full((size, size), 0.25)), -1)
     bump = torch.stack([0.3 * torch.sin(9 * color[..., 0]), 0.2 * color[..., 1], torch.ones(size, size)], -1)
-    return Textures(
-        color, 0.2 + 0.6 * color[..., 0], color[..., 1], torch.nn.functional.normalize(bump, dim=-1)
-    )
+    normal = torch.nn.functional.normalize(bump, dim=-1)
+    return Textures(color, 0.2 + 0.6 * color[..., 0], color[..., 1], normal)
 
 
 def difficult_mesh() -> Mesh:

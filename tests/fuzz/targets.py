@@ -27,7 +27,7 @@ from lightprobe.imaging import (
     write_exr,
 )
 from lightprobe.imaging.video import measure_frames
-from lightprobe.insertion.thing import load_thing
+from lightprobe.insertion.virtual_object import load_virtual_object
 from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource
 from lightprobe.localization.views import KnownViews
@@ -348,7 +348,7 @@ TARGETS = (
         lambda root, path: read_camera(path, root / "images" / "view_01.jpg"),
         JSON,
     ),
-    Target("GLB", _glbs, ("box.glb", "textured.glb"), lambda root, path: load_thing(path), GLB),
+    Target("GLB", _glbs, ("box.glb", "textured.glb"), lambda root, path: load_virtual_object(path), GLB),
     Target("video", _videos, ("a.mp4", "a.mov", "a.avi", "a.mkv"), _read_video),
     Target("JSON of runs", _run, _RUN_JSON, _read_run, JSON),
     Target("metrics.jsonl", _run, ("run/metrics.jsonl",), _read_run, LINES),

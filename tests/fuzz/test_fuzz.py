@@ -102,7 +102,7 @@ def test_every_reader_survives_a_short_attack(tmp_path):
 @pytest.mark.slow
 def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
     attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
-    found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")
+    found = worker.Outcome("KeyError in GLB at thing.py:load_virtual_object", "a trace")
     attack._keep(attack.targets[0], "box.glb", b"no GLB at all", [Splice(0, 1, b"")], found)
     for outcome, code, words in ((found, 1, found.finding), (worker.Outcome(), 0, "is wrong any more")):
         read = []

@@ -54,12 +54,8 @@ class Writer:
         text = json.dumps(self.document).encode()
         text += b" " * (-len(text) % 4)
         binary = bytes(self.binary) + bytes(-len(self.binary) % 4)
-        chunks = (
-            struct.pack("<I4s", len(text), b"JSON")
-            + text
-            + struct.pack("<I4s", len(binary), b"BIN\0")
-            + binary
-        )
+        heads = struct.pack("<I4s", len(text), b"JSON"), struct.pack("<I4s", len(binary), b"BIN\0")
+        chunks = heads[0] + text + heads[1] + binary
         return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 

@@ -7,8 +7,7 @@ import torch
 
 from lightprobe.evaluation import relight
 from lightprobe.imaging import read_hdr, read_ldr
-from lightprobe.insertion import PhotoView, Wish, insert, load_thing
-from lightprobe.insertion.layers import LayerFiles
+from lightprobe.insertion import LayerFiles, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.light.environment import Environment
 from tests.insertion.glbs import box, write
 from tests.known_scene import SIMILARITY, known_decomposition, soft_sky
@@ -28,8 +27,8 @@ def studio(tmp_path_factory):
     camera = dataclasses.replace(camera, camera_to_world=pose)
     image, cover = (t.numpy() for t in relight(decomposition, light, camera))
     color = (image + (1 - cover[..., None]) * GROUND).astype(np.float32)
-    thing = load_thing(write(tmp_path_factory.mktemp("thing") / "box.glb", box()))
-    return decomposition, light, PhotoView(color, cover, camera), thing
+    virtual = load_virtual_object(write(tmp_path_factory.mktemp("virtual") / "box.glb", box()))
+    return decomposition, light, PhotoView(color, cover, camera), virtual
 
 
 def foot(studio, x: float, y: float) -> tuple[float, float]:
@@ -41,8 +40,8 @@ def foot(studio, x: float, y: float) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def beside(studio):
-    decomposition, light, photo, thing = studio
-    return insert(decomposition, light, photo, thing, Wish(scale=0.4))
+    decomposition, light, photo, virtual = studio
+    return insert(decomposition, light, photo, virtual, Placement(scale=0.4))
 
 
 @pytest.mark.slow
@@ -51,12 +50,8 @@ def test_the_layers_make_the_picture(studio, beside, tmp_path):
     made = photo.color * beside.shadow * (1 - beside.mask[..., None]) + beside.beauty
     assert np.abs(made - beside.color).max() < 0.02  # grain of a clean photo
     beside.write(LayerFiles.of(tmp_path / "out.png"))
-    assert sorted(p.name for p in tmp_path.iterdir()) == [
-        "out.beauty.exr",
-        "out.mask.exr",
-        "out.png",
-        "out.shadow.exr",
-    ]
+    names = ["out.beauty.exr", "out.mask.exr", "out.png", "out.shadow.exr"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == names
     rgba = read_hdr(tmp_path / "out.beauty.exr")
     assert np.array_equal(rgba[..., 3], beside.mask)
     before = [path.read_bytes() for path in sorted(tmp_path.iterdir())]
@@ -69,7 +64,7 @@ def test_the_layers_make_the_picture(studio, beside, tmp_path):
     assert np.abs(shown - beside.color.clip(0, 1)).max() < 0.01
 
 
-def test_the_thing_is_drawn_and_throws_a_soft_shadow(studio, beside):
+def test_the_virtual_object_is_drawn_and_throws_a_soft_shadow(studio, beside):
     photo = studio[2]
     solid = beside.mask > 0.99
     assert 60 < solid.sum() < 3000
@@ -84,8 +79,8 @@ def test_the_thing_is_drawn_and_throws_a_soft_shadow(studio, beside):
     assert (beside.shadow[:3] == pytest.approx(1, abs=0.03)) or photo.mask[:3].any()
 
 
-def test_the_ground_at_the_thing_s_edge_is_as_dark_as_beside_it(studio, beside):
-    """Under the thing it is black, and a pixel that the thing covers in part shows what is beside."""
+def test_the_ground_at_the_virtual_object_s_edge_is_as_dark_as_beside_it(studio, beside):
+    """Under the virtual object it is black, and a pixel that the virtual object covers in part shows what is beside."""
     photo = studio[2]
     open_ground = np.where((beside.mask < 0.01)[..., None], beside.shadow, np.inf)
     edge = (beside.mask > 0.05) & (beside.mask < 0.95) & (photo.mask == 0)
@@ -93,7 +88,7 @@ def test_the_ground_at_the_thing_s_edge_is_as_dark_as_beside_it(studio, beside):
     assert (beside.shadow >= scipy.ndimage.minimum_filter(open_ground, (5, 5, 1)))[edge].all()
 
 
-def test_what_is_far_from_the_thing_stays(studio, beside):
+def test_what_is_far_from_the_virtual_object_stays(studio, beside):
     photo = studio[2]
     far = (beside.mask == 0) & (np.abs(beside.shadow - 1).max(-1) < 1e-3)
     assert far.mean() > 0.2
@@ -102,9 +97,9 @@ def test_what_is_far_from_the_thing_stays(studio, beside):
 
 @pytest.mark.long
 def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(studio):
-    decomposition, light, photo, thing = studio
+    decomposition, light, photo, virtual = studio
     behind, before = (
-        insert(decomposition, light, photo, thing, Wish(at=foot(studio, *spot), scale=0.5))
+        insert(decomposition, light, photo, virtual, Placement(at=foot(studio, *spot), scale=0.5))
         for spot in ((-1.5, 1.0), (1.7, 0.0))
     )
     inside = photo.mask > 0.99
@@ -114,11 +109,12 @@ def test_the_object_hides_what_is_behind_it_and_is_hidden_by_what_is_before(stud
 
 
 @pytest.mark.long
-def test_the_thing_shades_the_object_that_stands_by(studio):
-    decomposition, light, photo, thing = studio
+def test_the_virtual_object_shades_the_object_that_stands_by(studio):
+    decomposition, light, photo, virtual = studio
     sky = torch.zeros_like(light.texels) + 0.05
-    sky[2, :, :, :] = 3.0  # bright from +y, where the thing stands
-    near = insert(decomposition, Environment(sky), photo, thing, Wish(at=foot(studio, 0.3, 1.75), scale=0.8))
+    sky[2, :, :, :] = 3.0  # bright from +y, where the virtual object stands
+    placement = Placement(at=foot(studio, 0.3, 1.75), scale=0.8)
+    near = insert(decomposition, Environment(sky), photo, virtual, placement)
     inside = (photo.mask > 0.99) & (near.mask == 0)
     left = near.shadow.mean(-1)[inside]
     assert left.min() < 0.85
@@ -126,9 +122,9 @@ def test_the_thing_shades_the_object_that_stands_by(studio):
 
 @pytest.mark.long
 def test_a_cut_out_photo_stays_one(studio):
-    decomposition, light, photo, thing = studio
+    decomposition, light, photo, virtual = studio
     cut = dataclasses.replace(photo, opaque=False, color=photo.color * (photo.mask[..., None] > 0))
-    found = insert(decomposition, light, cut, thing, Wish(scale=0.4))
+    found = insert(decomposition, light, cut, virtual, Placement(scale=0.4))
     assert found.alpha is not None
     assert found.alpha[found.mask > 0.99].min() > 0.98
     shadow = (photo.mask == 0) & (found.mask == 0) & (found.alpha > 0.1)
@@ -139,6 +135,6 @@ def test_a_cut_out_photo_stays_one(studio):
 
 @pytest.mark.long
 def test_a_light_in_another_exposure_is_told(studio):
-    decomposition, light, photo, thing = studio
-    found = insert(decomposition, light.scaled(6.0), photo, thing, Wish(scale=0.4))
+    decomposition, light, photo, virtual = studio
+    found = insert(decomposition, light.scaled(6.0), photo, virtual, Placement(scale=0.4))
     assert any("exposure" in sentence for sentence in found.warnings)

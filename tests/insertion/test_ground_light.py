@@ -3,8 +3,7 @@ import math
 import pytest
 import torch
 
-from lightprobe.insertion.ground_light import Caster, plan_ground_light
-from lightprobe.insertion.sky_patches import SkyPatches
+from lightprobe.insertion.ground_light import Caster, SkyPatches, plan_ground_light
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 
@@ -19,9 +18,9 @@ def plate(height: float, radiance: float = 0.0) -> Caster:
     return Caster(v, torch.tensor([[0, 1, 2], [0, 2, 3]]).int(), torch.full((2, 3), radiance))
 
 
-def plan(sky: torch.Tensor, known: Caster, thing: Caster):
+def plan(sky: torch.Tensor, known: Caster, virtual: Caster):
     patches = SkyPatches.of(Environment(sky))
-    return plan_ground_light(patches, known, thing, 0.0, torch.tensor([-4.0, -4.0]), 0.05, 160), patches
+    return plan_ground_light(patches, known, virtual, 0.0, torch.tensor([-4.0, -4.0]), 0.05, 160), patches
 
 
 def sun(direction: tuple[float, float, float]) -> torch.Tensor:
@@ -56,9 +55,8 @@ def test_a_plate_takes_the_form_factor_of_a_uniform_sky():
 def test_what_blocks_the_sky_gives_its_own_light():
     black, grey = (plan(torch.ones(6, R, R, 3), AWAY, plate(0.5, radiance))[0] for radiance in (0.0, 1.0))
     assert float(black.factor()[80, 80].mean()) < 0.5
-    torch.testing.assert_close(
-        grey.factor(), torch.ones(160, 160, 3), rtol=0, atol=0.01
-    )  # as bright as the sky
+    # as bright as the sky
+    torch.testing.assert_close(grey.factor(), torch.ones(160, 160, 3), rtol=0, atol=0.01)
 
 
 def test_a_suns_shadow_lies_where_the_sun_is_not():

@@ -5,32 +5,32 @@ import pytest
 import torch
 
 from lightprobe.insertion.occlusion import SurfacePoints, past, simplified
-from lightprobe.insertion.thing import load_thing
-from lightprobe.render.vertex_visibility import point_visibility
+from lightprobe.insertion.virtual_object import load_virtual_object
+from lightprobe.render.visibility import point_visibility
 from tests.insertion.glbs import box, write
 from tests.shapes import sphere
 
 
 @pytest.fixture
-def thing(tmp_path):
-    return load_thing(write(tmp_path / "box.glb", box()))
+def virtual(tmp_path):
+    return load_virtual_object(write(tmp_path / "box.glb", box()))
 
 
-def test_points_interpolate_any_place_of_large_faces(thing):
-    points = SurfacePoints.of(thing)
+def test_points_interpolate_any_place_of_large_faces(virtual):
+    points = SurfacePoints.of(virtual)
     assert (points.cells > 4).all()
     barycentric = torch.from_numpy(np.random.default_rng(0).dirichlet([1, 1, 1], 500)).float()
-    face = torch.arange(500) % len(thing.faces)
+    face = torch.arange(500) % len(virtual.faces)
     index, weight = points.taps(face, barycentric)
-    wanted = (thing.vertices[thing.faces[face].long()] * barycentric[..., None]).sum(1)
+    wanted = (virtual.vertices[virtual.faces[face].long()] * barycentric[..., None]).sum(1)
     torch.testing.assert_close((points.points[index] * weight[..., None]).sum(1), wanted, atol=1e-5, rtol=0)
     torch.testing.assert_close(weight.sum(1), torch.ones(500))
 
 
-def test_of_many_vertices_some_stand_for_their_neighbours(thing):
+def test_of_many_vertices_some_stand_for_their_neighbours(virtual):
     ball, faces = (torch.from_numpy(part) for part in sphere(7))
     fine = dataclasses.replace(
-        thing,
+        virtual,
         vertices=ball,
         faces=faces,
         normals=ball,
@@ -55,7 +55,7 @@ def test_directions_left_out_could_not_have_been_blocked():
     assert (seen.unoccluded[ball[:, 0] > 0.9] < 255).any()
 
 
-def test_a_simplified_caster_is_welded(thing):
-    vertices, faces, colors = simplified(thing.vertices, thing.faces, torch.ones(12, 3))
+def test_a_simplified_caster_is_welded(virtual):
+    vertices, faces, colors = simplified(virtual.vertices, virtual.faces, torch.ones(12, 3))
     assert len(vertices) == 8
     assert len(faces) == len(colors) == 12

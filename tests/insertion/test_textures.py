@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.imaging import srgb_decode
-from lightprobe.insertion.textures import _eight_bits, _levels
+from lightprobe.insertion.materials import _eight_bits, _levels
 
 
 def texture(codes):

@@ -1,4 +1,4 @@
-"""The bodies that a kernel's tests run through."""
+"""The backends that a kernel's tests run through."""
 
 import os
 from dataclasses import dataclass
@@ -12,8 +12,8 @@ from lightprobe.kernels import dispatch
 
 
 @dataclass(frozen=True)
-class Body:
-    """A body under test: where its tensors live, and whether it is so slow that cases must be small."""
+class Backend:
+    """A backend under test: where its tensors live, and whether it is so slow that cases must be small."""
 
     device: torch.device
     interpreted: bool = False
@@ -32,19 +32,19 @@ class Body:
         pytest.param("cuda", marks=pytest.mark.cuda),
     ]
 )
-def body(request, monkeypatch):
-    """Numba's body, Triton's in its interpreter, and whatever serves a GPU where there is one."""
+def backend(request, monkeypatch):
+    """Numba's backend, Triton's in its interpreter, and whatever serves a GPU where there is one."""
     if request.param == "numba":
-        yield Body(torch.device("cpu"))
+        yield Backend(torch.device("cpu"))
         return
     pytest.importorskip("triton")
     if request.param == "cuda":
         if not torch.cuda.is_available():
             pytest.skip("no CUDA device")
-        yield Body(torch.device("cuda"))
+        yield Backend(torch.device("cuda"))
         return
     if os.environ.get("TRITON_INTERPRET") != "1":
         pytest.skip("Triton runs on the device")
-    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.TRITON)
+    monkeypatch.setattr(dispatch, "backend_for", lambda device: dispatch.Backend.TRITON)
     with np.errstate(all="ignore"):  # lanes that are masked out may divide by zero, as on a GPU
-        yield Body(torch.device("cpu"), interpreted=True)
+        yield Backend(torch.device("cpu"), interpreted=True)

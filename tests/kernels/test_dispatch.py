@@ -1,4 +1,4 @@
-"""Choice of the body: by device and dtype, and what happens where Triton is missing."""
+"""Choice of the backend: by device and dtype, and what happens where Triton is missing."""
 
 import sys
 from pathlib import Path
@@ -9,9 +9,7 @@ import torch
 import lightprobe
 from lightprobe.kernels import dispatch
 from lightprobe.kernels.numba import stacking as numba_stacking
-from lightprobe.kernels.numba import voxels as numba_voxels
 from lightprobe.kernels.reference import stacking as reference_stacking
-from lightprobe.kernels.reference import voxels as reference_voxels
 
 
 @pytest.fixture
@@ -30,30 +28,20 @@ def test_the_cpu_gets_numba_in_float32_and_the_reference_in_float64():
 def test_a_gpu_without_triton_gets_the_reference_and_says_so(monkeypatch, fresh):
     monkeypatch.setitem(sys.modules, "triton", None)
     with pytest.warns(UserWarning, match="slow reference kernels"):
-        assert dispatch.body_for("cuda") is dispatch.Body.REFERENCE
+        assert dispatch.backend_for("cuda") is dispatch.Backend.REFERENCE
 
 
 def test_a_gpu_with_triton_gets_it(monkeypatch):
     monkeypatch.setattr(dispatch, "_has_triton", lambda: True)
-    assert dispatch.body_for("cuda") is dispatch.Body.TRITON
-    assert dispatch.body_for("mps") is dispatch.Body.REFERENCE
-
-
-def test_arrays_are_the_cpu_s():
-    assert dispatch.choose("voxels") is numba_voxels
-
-
-def test_an_op_without_a_body_for_the_device_gets_the_reference(monkeypatch):
-    monkeypatch.setattr(dispatch, "body_for", lambda device: dispatch.Body.TRITON)
-    assert dispatch.choose("voxels", torch.zeros(3)) is reference_voxels
+    assert dispatch.backend_for("cuda") is dispatch.Backend.TRITON
+    assert dispatch.backend_for("mps") is dispatch.Backend.REFERENCE
 
 
 def test_loops_are_compiled_here_alone():
     """But for two file formats, whose loops are the format itself."""
     source = Path(lightprobe.__file__).parent
-    compiling = {
-        str(path.relative_to(source)) for path in source.rglob("*.py") if "@compiled(" in path.read_text()
-    }
+    texts = {str(path.relative_to(source)): path.read_text() for path in source.rglob("*.py")}
+    compiling = {path for path, text in texts.items() if "@compiled(" in text}
     assert {path for path in compiling if not path.startswith("kernels/numba/")} == {
         "imaging/png16.py",
         "imaging/radiance.py",

@@ -7,7 +7,7 @@ from torch.autograd import gradcheck
 from lightprobe.kernels import occluded_light, occluded_light_adjoint
 from lightprobe.kernels.reference import occlusion as reference
 from lightprobe.light import cubemap
-from tests.threads import torch_threads
+from tests.threads import assert_same_bits
 
 
 def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, seed=0):
@@ -16,17 +16,14 @@ def problem(pixels=700, rows=50, corners=3, resolution=8, dtype=torch.float32, s
     directions = cubemap.exact_directions(resolution).reshape(-1, 3)
     angles = cubemap.exact_solid_angles(resolution).reshape(-1)
     light = torch.rand(len(directions), 3, generator=random, dtype=torch.float64) ** 4
-    normals = torch.nn.functional.normalize(
-        torch.randn(pixels, 3, generator=random, dtype=torch.float64), dim=1
-    )
+    normals = torch.randn(pixels, 3, generator=random, dtype=torch.float64)
+    normals = torch.nn.functional.normalize(normals, dim=1)
     unoccluded = torch.randint(0, 256, (rows, len(directions)), generator=random, dtype=torch.uint8)
     index = torch.randint(0, rows, (pixels, corners), generator=random)
     weight = torch.rand(pixels, corners, generator=random, dtype=torch.float64)
     weight = weight / weight.sum(1, keepdim=True)
-    light, normals, weight, directions, angles = (
-        x.to(dtype) for x in (light, normals, weight, directions, angles)
-    )
-    return light, normals, unoccluded, index, weight, directions, angles
+    case = light, normals, unoccluded, index, weight, directions, angles
+    return tuple(x.to(dtype) if x.is_floating_point() else x for x in case)
 
 
 def value_and_gradients(case, grad):
@@ -36,10 +33,10 @@ def value_and_gradients(case, grad):
 
 
 @pytest.mark.parametrize(("pixels", "corners"), [(700, 3), (1, 1), (257, 2)])
-def test_matches_the_reference(body, pixels, corners):
-    pixels = body.size(pixels, min(pixels, 30))
-    case = body.move(*problem(pixels, corners=corners))
-    grad = torch.randn(pixels, 7, device=body.device)
+def test_matches_the_reference(backend, pixels, corners):
+    pixels = backend.size(pixels, min(pixels, 30))
+    case = backend.move(*problem(pixels, corners=corners))
+    grad = torch.randn(pixels, 7, device=backend.device)
     ours = value_and_gradients(case, grad)
     exact = [x.double() if x.is_floating_point() else x for x in case]
     theirs = value_and_gradients(exact, grad.double())
@@ -50,30 +47,25 @@ def test_matches_the_reference(body, pixels, corners):
 
 def test_gradients_in_float64():
     light, normals, *rest = problem(4, 5, resolution=4, dtype=torch.float64)
-    assert gradcheck(
-        lambda a, n: occluded_light(a, n, *rest), (light.requires_grad_(), normals.requires_grad_())
-    )
+    variables = light.requires_grad_(), normals.requires_grad_()
+    assert gradcheck(lambda a, n: occluded_light(a, n, *rest), variables)
 
 
 def test_open_sky_is_irradiance_over_pi():
     _, _, unoccluded, *rest = problem(50, dtype=torch.float64, resolution=32)
     up = rest[2][:, 2:].clamp(min=0).expand(-1, 3)  # a light max(w_z, 0): irradiance / pi of n = z is 2 / 3
-    out = occluded_light(
-        up.contiguous(),
-        torch.tensor([[0.0, 0, 1]]).double().expand(50, 3),
-        torch.full_like(unoccluded, 255),
-        *rest,
-    )
+    normals = torch.tensor([[0.0, 0, 1]]).double().expand(50, 3)
+    out = occluded_light(up.contiguous(), normals, torch.full_like(unoccluded, 255), *rest)
     torch.testing.assert_close(out[:, 0], torch.full((50,), 2 / 3).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 3], torch.full((50,), 1 / 4).double(), rtol=2e-3, atol=0)
     torch.testing.assert_close(out[:, 6], torch.ones(50).double())
 
 
 @pytest.mark.parametrize("resolution", [3, 8])
-def test_adjoint_is_the_transpose(body, resolution):
-    pixels = body.size(300, 40)
-    case = body.move(*problem(pixels, resolution=resolution))
-    arriving, light = body.move(torch.randn(pixels, 6), torch.randn(6 * resolution**2, 3))
+def test_adjoint_is_the_transpose(backend, resolution):
+    pixels = backend.size(300, 40)
+    case = backend.move(*problem(pixels, resolution=resolution))
+    arriving, light = backend.move(torch.randn(pixels, 6), torch.randn(6 * resolution**2, 3))
     forward = occluded_light(light, *case[1:])[:, :6]
     back = occluded_light_adjoint(arriving, *case[1:])
     torch.testing.assert_close((forward * arriving).sum(), (back * light).sum(), rtol=1e-4, atol=1e-3)
@@ -88,12 +80,7 @@ def test_the_reference_slabs_change_nothing(monkeypatch):
 
 def test_bits_do_not_depend_on_threads():
     case, grad = problem(3000), torch.randn(3000, 7)
-    results = []
-    for count in (1, 2):
-        with torch_threads(count):
-            results.append(value_and_gradients(case, grad))
-    for one, two in zip(*results, strict=True):
-        assert torch.equal(one, two)
+    assert_same_bits(lambda: value_and_gradients(case, grad))
 
 
 def test_refuses_what_cannot_be():

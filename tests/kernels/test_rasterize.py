@@ -1,6 +1,4 @@
-"""Rasteriser: against the plain reference and exact arithmetic, no holes, and its rules for depth and odd
-faces.
-"""
+"""Rasteriser: against the plain reference and exact arithmetic, no holes, and rules for depth and odd faces."""
 
 import math
 from fractions import Fraction
@@ -12,13 +10,12 @@ from hypothesis import strategies as st
 
 from lightprobe.kernels import rasterize
 from lightprobe.kernels.reference import rasterize as reference
-from tests.threads import torch_threads
+from tests.shapes import sphere
+from tests.threads import assert_same_bits
 
 
 def soup(count, height, width, *, seed=0, size=12.0):
-    """Return `count` random triangles, some of them partly or wholly off screen, as (3 count, 3) and (count,
-    3).
-    """
+    """Return `count` random triangles (3 count, 3), (count, 3), some of them partly or wholly off screen."""
     random = torch.Generator().manual_seed(seed)
     centre = torch.rand(count, 1, 2, generator=random) * torch.tensor([width + 10.0, height + 10.0]) - 5
     corners = centre + size * (torch.rand(count, 3, 2, generator=random) - 0.5)
@@ -27,9 +24,7 @@ def soup(count, height, width, *, seed=0, size=12.0):
 
 
 def sheet(cells, low, high, *, jitter=0.0, snap=False, seed=0):
-    """Return a flat triangulated square from `low` to `high` pixels, inner vertices moved by up to `jitter`
-    cells.
-    """
+    """Return a flat triangulated square from `low` to `high` pixels, inner vertices moved by `jitter` cells."""
     random = torch.Generator().manual_seed(seed)
     step = (high - low) / cells
     line = low + step * torch.arange(cells + 1)
@@ -48,33 +43,11 @@ def sheet(cells, low, high, *, jitter=0.0, snap=False, seed=0):
     return points.reshape(-1, 3), torch.cat([first, second]).int()
 
 
-def sphere(rings, size):
-    """Return a sphere seen through a perspective camera, its screen radius in pixels, and its faces."""
-    polar = torch.linspace(0, math.pi, rings + 1)[:, None]
-    around = torch.arange(2 * rings)[None] * math.pi / rings
-    ones = torch.ones_like(polar * around)
-    x, y, z = polar.sin() * around.cos(), polar.cos() * ones, polar.sin() * around.sin()
-    depth = (3 - z).flatten()
-    screen = torch.stack(
-        [size / 2 + size * x.flatten() / depth, size / 2 + size * y.flatten() / depth, depth], 1
-    )
-    i, j = torch.meshgrid(torch.arange(rings), torch.arange(2 * rings), indexing="ij")
-    a, b = i * 2 * rings + j, i * 2 * rings + (j + 1) % (2 * rings)
-    faces = torch.cat(
-        [torch.stack([a, b, a + 2 * rings], 2), torch.stack([b, b + 2 * rings, a + 2 * rings], 2)]
-    )
-    return screen, size / math.sqrt(8), faces.reshape(-1, 3).int()
-
-
 @pytest.mark.parametrize(("height", "width"), [(64, 64), (37, 90), (100, 17), (1, 1)])
-def test_equals_the_reference_to_the_bit(body, height, width):
-    for count, size in [
-        (body.size(400, 40), 12.0),
-        (body.size(30, 9), 150.0),
-        (body.size(2000, 90), 1.5),
-        (0, 1.0),
-    ]:
-        screen, faces = body.move(*soup(count, height, width, size=size))
+def test_equals_the_reference_to_the_bit(backend, height, width):
+    cases = {12.0: backend.size(400, 40), 150.0: backend.size(30, 9), 1.5: backend.size(2000, 90), 1.0: 0}
+    for size, count in cases.items():
+        screen, faces = backend.move(*soup(count, height, width, size=size))
         seen = rasterize(screen, faces, height, width)
         face, inverse_depth = reference.rasterize(screen, faces, height, width)
         assert seen.face.shape == (height, width)
@@ -116,15 +89,11 @@ def test_shared_edges_leave_no_crack(cells, jitter, snap, low, seed):
 
 
 def test_an_edge_that_rounding_cannot_place_leaves_no_crack():
-    """The edge passes pixel centres closer than float64 tells; only equal evaluation in both faces keeps it
-    shut.
-    """
+    """The edge passes pixel centres closer than float64 tells; equal evaluation in both faces keeps it shut."""
     random = torch.Generator().manual_seed(0)
     for _ in range(30):
         start = torch.rand(2, generator=random) * 1e-14
-        points = torch.stack(
-            [start, torch.tensor([64.5, 64.5]), torch.tensor([-3.0, 70]), torch.tensor([70, -3.0])]
-        )
+        points = torch.cat([start[None], torch.tensor([[64.5, 64.5], [-3.0, 70], [70, -3.0]])])
         screen = torch.cat([points, torch.ones(4, 1)], dim=1)
         for faces in ([[0, 1, 2], [1, 0, 3]], [[1, 0, 2], [0, 1, 3]]):
             assert (rasterize(screen, torch.tensor(faces), 64, 64).face.diagonal() >= 0).all()
@@ -136,13 +105,15 @@ def test_tiny_triangles_leave_no_crack():
 
 
 def test_a_closed_mesh_has_no_holes():
-    for rings in (8, 31, 90):
-        screen, radius, faces = sphere(rings, 80)
-        covered = rasterize(screen, faces, 80, 80).face >= 0
-        y, x = torch.meshgrid(torch.arange(80) - 39.5, torch.arange(80) - 39.5, indexing="ij")
-        inscribed = radius * math.cos(math.pi / rings) - 0.1
-        assert covered[(x * x + y * y).sqrt() < inscribed].all()
-        assert not covered[(x * x + y * y).sqrt() > radius + 0.1].any()
+    """A ball of radius 1 at distance 3 whose circle has the radius f / sqrt(8)."""
+    y, x = torch.meshgrid(torch.arange(80) - 39.5, torch.arange(80) - 39.5, indexing="ij")
+    radius, apart = 80 / math.sqrt(8), (x * x + y * y).sqrt()
+    for level in (2, 3, 5):
+        ball, faces = (torch.from_numpy(part) for part in sphere(level))
+        depth = 3 - ball[:, 2:]
+        covered = rasterize(torch.cat([40 + 80 * ball[:, :2] / depth, depth], 1), faces, 80, 80).face >= 0
+        assert covered[apart < radius * math.cos(1.2 / 2**level) - 0.1].all()
+        assert not covered[apart > radius + 0.1].any()
 
 
 def test_inverse_depth_is_perspective_correct():
@@ -159,20 +130,20 @@ def test_inverse_depth_is_perspective_correct():
     assert not seen.inverse_depth[~covered].any()
 
 
-def test_the_nearest_face_wins_in_any_order(body):
-    count = body.size(500, 15)
-    screen, faces = body.move(*soup(count, 48, 48, size=25.0))
+def test_the_nearest_face_wins_in_any_order(backend):
+    count = backend.size(500, 15)
+    screen, faces = backend.move(*soup(count, 48, 48, size=25.0))
     seen = rasterize(screen, faces, 48, 48)
-    order = torch.randperm(count, generator=torch.Generator().manual_seed(1)).to(body.device)
+    order = torch.randperm(count, generator=torch.Generator().manual_seed(1)).to(backend.device)
     shuffled = rasterize(screen, faces[order], 48, 48)
     assert torch.equal(shuffled.inverse_depth, seen.inverse_depth)
     assert torch.equal(torch.where(shuffled.face < 0, -1, order[shuffled.face.long()]), seen.face.long())
 
 
-@pytest.mark.parametrize("height", [11, 24])  # on either side of what the GPU's body calls a large face
-def test_ties_go_to_the_lower_face(body, height):
+@pytest.mark.parametrize("height", [11, 24])  # on either side of what the GPU's backend calls a large face
+def test_ties_go_to_the_lower_face(backend, height):
     screen = torch.tensor([[1.0, 1.0, 2.0], [20.0, 1.0, 2.0], [1.0, 20.0, 2.0]])
-    seen = rasterize(*body.move(screen, torch.tensor([[2, 1, 0]]).repeat(5, 1)), height, 24)
+    seen = rasterize(*backend.move(screen, torch.tensor([[2, 1, 0]]).repeat(5, 1)), height, 24)
     assert set(seen.face.unique().tolist()) == {-1, 0}
 
 
@@ -180,33 +151,28 @@ def test_ties_go_to_the_lower_face(body, height):
     ("column", "bad"),
     [(2, 0.0), (2, -1.0), (2, math.nan), (2, math.inf), (0, math.nan), (1, math.inf), (0, -math.inf)],
 )
-def test_faces_behind_the_camera_or_not_finite_are_skipped(body, column, bad):
+def test_faces_behind_the_camera_or_not_finite_are_skipped(backend, column, bad):
     screen = torch.tensor([[1.0, 1.0, 1.0], [20.0, 1.0, 1.0], [1.0, 20.0, 1.0]]).repeat(2, 1)
     screen[3:, 2] = 5.0  # the whole face lies behind the bad one
     screen[1, column] = bad
-    seen = rasterize(*body.move(screen, torch.tensor([[0, 1, 2], [3, 4, 5]])), 24, 24)
+    seen = rasterize(*backend.move(screen, torch.tensor([[0, 1, 2], [3, 4, 5]])), 24, 24)
     assert set(seen.face.unique().tolist()) == {-1, 1}
 
 
-def test_faces_without_area_are_skipped(body):
+def test_faces_without_area_are_skipped(backend):
     screen = torch.tensor([[1.5, 1.5, 1.0], [9.5, 9.5, 1.0], [5.5, 5.5, 1.0]])
-    seen = rasterize(*body.move(screen, torch.tensor([[0, 1, 2], [0, 0, 1], [2, 2, 2]])), 12, 12)
+    seen = rasterize(*backend.move(screen, torch.tensor([[0, 1, 2], [0, 0, 1], [2, 2, 2]])), 12, 12)
     assert (seen.face == -1).all()
 
 
-def test_huge_faces_are_cut_to_the_image(body):
+def test_huge_faces_are_cut_to_the_image(backend):
     screen = torch.tensor([[-1e9, -1e9, 1.0], [1e9, -1e9, 1.0], [0.0, 1e9, 1.0]])
-    assert (rasterize(*body.move(screen, torch.tensor([[0, 1, 2]])), 7, 300).face == 0).all()
+    assert (rasterize(*backend.move(screen, torch.tensor([[0, 1, 2]])), 7, 300).face == 0).all()
 
 
 def test_same_bits_on_one_thread():
     screen, faces = soup(3000, 120, 70)
-    with torch_threads(2):
-        together = rasterize(screen, faces, 120, 70)
-    with torch_threads(1):
-        alone = rasterize(screen, faces, 120, 70)
-    assert torch.equal(together.face, alone.face)
-    assert torch.equal(together.inverse_depth, alone.inverse_depth)
+    assert_same_bits(lambda: vars(rasterize(screen, faces, 120, 70)).values())
 
 
 def test_wrong_input_is_refused():

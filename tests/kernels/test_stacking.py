@@ -10,7 +10,7 @@ from torch.autograd import gradcheck
 
 from lightprobe.kernels import probe_weight, stack_probes
 from lightprobe.kernels.reference import stacking as reference
-from tests.threads import torch_threads
+from tests.threads import assert_same_bits
 
 
 def unit(count, random):
@@ -22,9 +22,8 @@ def problem(pixels=700, texels=900, *, least_roughness=0.08, seed=0, dtype=torch
     random = torch.Generator().manual_seed(seed)
     normals, views, directions = unit(pixels, random), unit(pixels, random), unit(texels, random)
     views = views * (normals * views).sum(dim=1, keepdim=True).sign()
-    roughness = least_roughness + (1 - least_roughness) * torch.rand(
-        pixels, generator=random, dtype=torch.float64
-    )
+    share = torch.rand(pixels, generator=random, dtype=torch.float64)
+    roughness = least_roughness + (1 - least_roughness) * share
     colors = torch.rand(pixels, 3, generator=random, dtype=torch.float64) * 2
     return tuple(x.to(dtype) for x in (colors, normals, views, roughness**4, directions))
 
@@ -51,21 +50,19 @@ def test_reference_is_the_printed_equation():
 
 
 @pytest.mark.parametrize(("pixels", "texels"), [(700, 900), (1, 1), (3, 257), (513, 16)])
-def test_matches_the_reference(body, pixels, texels):
-    pixels, texels = body.size(pixels, min(pixels, 70)), body.size(texels, min(texels, 300))
-    case = body.move(*problem(pixels, texels))
-    grad = torch.randn(texels, 3, device=body.device)
+def test_matches_the_reference(backend, pixels, texels):
+    pixels, texels = backend.size(pixels, min(pixels, 70)), backend.size(texels, min(texels, 300))
+    case = backend.move(*problem(pixels, texels))
+    grad = torch.randn(texels, 3, device=backend.device)
     radiance, weight, grad_colors = value_and_gradient(case, grad)
     expected, expected_weight = exact(*case)
-    torch.testing.assert_close(
-        weight.double(), expected_weight, rtol=3e-5, atol=1e-5 * float(expected_weight.max())
-    )
+    least = 1e-5 * float(expected_weight.max())
+    torch.testing.assert_close(weight.double(), expected_weight, rtol=3e-5, atol=least)
     torch.testing.assert_close(radiance.double(), expected, rtol=1e-5, atol=1e-5)
     colors = case[0].double().requires_grad_()
     (expected_grad,) = torch.autograd.grad(exact(colors, *case[1:])[0], colors, grad.double())
-    torch.testing.assert_close(
-        grad_colors.double(), expected_grad, rtol=1e-4, atol=1e-4 * float(expected_grad.abs().max())
-    )
+    least = 1e-4 * float(expected_grad.abs().max())
+    torch.testing.assert_close(grad_colors.double(), expected_grad, rtol=1e-4, atol=least)
 
 
 def test_gradient_in_float64():
@@ -73,18 +70,17 @@ def test_gradient_in_float64():
     assert gradcheck(lambda c: stack_probes(c, *lobes)[0], (colors.requires_grad_(),))
 
 
-def test_the_core_of_a_sharp_lobe_keeps_its_digits(body):
-    case = body.move(*problem(300, 1, least_roughness=0.08))
+def test_the_core_of_a_sharp_lobe_keeps_its_digits(backend):
+    case = backend.move(*problem(300, 1, least_roughness=0.08))
     n, v = case[1], case[2]
     mirror = torch.nn.functional.normalize(2 * (n * v).sum(dim=1, keepdim=True) * n - v, dim=1)
     offset = torch.nn.functional.normalize(mirror + 0.005 * torch.randn_like(mirror), dim=1)
-    a2 = torch.full((300,), 0.08**4, device=body.device)
+    a2 = torch.full((300,), 0.08**4, device=backend.device)
     for p in range(0, 300, 7):
         lobe = [x[p : p + 1] for x in (n, v, a2)]
         expected = exact(case[0][:1], *lobe, offset[p : p + 1])[1]
-        torch.testing.assert_close(
-            probe_weight(*lobe, offset[p : p + 1]).double(), expected, rtol=2e-4, atol=0
-        )
+        found = probe_weight(*lobe, offset[p : p + 1]).double()
+        torch.testing.assert_close(found, expected, rtol=2e-4, atol=0)
 
 
 @settings(max_examples=25, deadline=None)
@@ -98,15 +94,11 @@ def test_radiance_is_a_convex_average(pixels, texels, seed, roughness):
     assert not radiance[~seen].any()
 
 
-def test_unseen_directions_are_black_and_give_no_gradient(body):
-    colors, n, v = (
-        torch.ones(2, 3),
-        torch.tensor([[0.0, 0, 1], [0, 0, 1]]),
-        torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]]),
-    )
-    down, up = body.move(torch.tensor([[0.0, 0.6, -0.8]]), torch.tensor([[0.0, 0.6, 0.8]]))
-    case = (*body.move(colors, n, v, torch.tensor([0.1, 0.1])), down)
-    one = torch.ones(1, 3, device=body.device)
+def test_unseen_directions_are_black_and_give_no_gradient(backend):
+    n, v = torch.tensor([[0.0, 0, 1], [0, 0, 1]]), torch.tensor([[0.0, 0, 1], [0, 0.6, 0.8]])
+    down, up = backend.move(torch.tensor([[0.0, 0.6, -0.8]]), torch.tensor([[0.0, 0.6, 0.8]]))
+    case = (*backend.move(torch.ones(2, 3), n, v, torch.tensor([0.1, 0.1])), down)
+    one = torch.ones(1, 3, device=backend.device)
     radiance, weight, grad = value_and_gradient(case, one)
     assert not torch.cat([radiance.flatten(), weight, grad.flatten()]).any()
     radiance, weight, grad = value_and_gradient((*case[:4], up), one)
@@ -115,13 +107,11 @@ def test_unseen_directions_are_black_and_give_no_gradient(body):
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_a_direction_opposite_to_the_view_is_finite(body, dtype):
+def test_a_direction_opposite_to_the_view_is_finite(backend, dtype):
     n = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]], dtype=dtype)
-    v = torch.tensor(
-        [[0.0, 0.6, 0.8], [0.0, 0.6, 0.8]], dtype=dtype
-    )  # the second pixel faces away from its camera
+    v = torch.tensor([[0.0, 0.6, 0.8]] * 2, dtype=dtype)  # the second pixel faces away from its camera
     a2 = torch.tensor([0.3, 0.3], dtype=dtype)
-    case = body.move(torch.ones_like(n), n, v, a2, -v[:1])
+    case = backend.move(torch.ones_like(n), n, v, a2, -v[:1])
     radiance, weight = (x.cpu() for x in stack_probes(*case))
     torch.testing.assert_close(weight, torch.tensor([0.3 / math.pi * 0.8], dtype=dtype), rtol=1e-4, atol=1e-6)
     torch.testing.assert_close(radiance, torch.ones(1, 3, dtype=dtype))
@@ -129,9 +119,7 @@ def test_a_direction_opposite_to_the_view_is_finite(body, dtype):
 
 @pytest.mark.parametrize("a2", [0.05, 0.3, 1.0])
 def test_the_density_integrates_to_its_closed_form(a2):
-    """For v = n, dw = 4 (n.h) dh, and the GGX share of half vectors within 45 degrees, where n.w > 0, is 1/(1
-    + a2).
-    """
+    """For v = n, dw = 4 (n.h) dh, and a share 1/(1 + a2) of GGX's half vectors is within 45 degrees: n.w > 0."""
     count = 200_000
     k = torch.arange(count, dtype=torch.float64) + 0.5
     z, phi = 1 - 2 * k / count, k * math.pi * (3 - math.sqrt(5))
@@ -148,26 +136,20 @@ def test_probe_weight_is_the_weight():
     assert not stack_probes(colors.requires_grad_(), *lobes)[1].requires_grad
 
 
-def test_same_bits_again_and_on_one_thread(body):
-    pixels, texels = body.size(1500, 70), body.size(1100, 70)
-    case, grad = body.move(*problem(pixels, texels)), torch.randn(texels, 3, device=body.device)
-    with torch_threads(2):
-        first, again = value_and_gradient(case, grad), value_and_gradient(case, grad)
-    with torch_threads(1):
-        alone = value_and_gradient(case, grad)
-    for a, b, c in zip(first, again, alone, strict=True):
-        assert torch.equal(a, b)
-        assert torch.equal(a, c)
+def test_same_bits_again_and_on_one_thread(backend):
+    pixels, texels = backend.size(1500, 70), backend.size(1100, 70)
+    case, grad = backend.move(*problem(pixels, texels)), torch.randn(texels, 3, device=backend.device)
+    assert_same_bits(lambda: value_and_gradient(case, grad))
 
 
-def test_a_broken_normal_shows(body):
-    colors, n, v, a2, w = body.move(*problem(3, 5))
+def test_a_broken_normal_shows(backend):
+    colors, n, v, a2, w = backend.move(*problem(3, 5))
     n[1, 0] = math.nan
     assert stack_probes(colors, n, v, a2, w)[0].isnan().all()
 
 
-def test_no_pixels_or_no_texels(body):
-    colors, n, v, a2, w = body.move(*problem(4, 4))
+def test_no_pixels_or_no_texels(backend):
+    colors, n, v, a2, w = backend.move(*problem(4, 4))
     radiance, weight = stack_probes(colors[:0], n[:0], v[:0], a2[:0], w)
     assert not torch.cat([radiance.flatten(), weight]).any()
     assert stack_probes(colors, n, v, a2, w[:0])[0].shape == (0, 3)
@@ -175,9 +157,10 @@ def test_no_pixels_or_no_texels(body):
 
 def test_wrong_input_is_refused():
     colors, n, v, a2, w = problem(4, 4)
-    with pytest.raises(ValueError, match="colors must have shape"):
-        stack_probes(colors[:, :2], n, v, a2, w)
-    with pytest.raises(ValueError, match="views must have shape"):
-        stack_probes(colors, n, v[:3], a2, w)
-    with pytest.raises(ValueError, match="share a device and a floating dtype"):
-        stack_probes(colors, n, v.double(), a2, w)
+    for words, case in {
+        "colors must have shape": (colors[:, :2], n, v, a2, w),
+        "views must have shape": (colors, n, v[:3], a2, w),
+        "share a device and a floating dtype": (colors, n, v.double(), a2, w),
+    }.items():
+        with pytest.raises(ValueError, match=words):
+            stack_probes(*case)

@@ -1,8 +1,7 @@
-"""Compile every Triton kernel for a GPU that need not be there: `python -m tests.kernels.triton_compilation
-cuda 90`.
+"""Compile every Triton kernel for a GPU that need not be there: `python -m tests.kernels.triton_compilation cuda 90`.
 
 The interpreter runs kernels without looking at types, and would let pass what a compiler refuses. So here
-each body is called as usual while launches stop after compilation. Prints the names of the kernels compiled.
+kernels are called as usual while launches stop after compilation. Prints the names of the kernels compiled.
 """
 
 import importlib
@@ -22,9 +21,7 @@ class AbsentGpu:
     """As much of a driver as compilation asks for."""
 
     def __init__(self, kind: str, architecture: str):
-        self.target = GPUTarget(
-            kind, int(architecture) if kind == "cuda" else architecture, 32 if kind == "cuda" else 64
-        )
+        self.target = GPUTarget(kind, *((int(architecture), 32) if kind == "cuda" else (architecture, 64)))
 
     def get_current_target(self):
         return self.target
@@ -41,7 +38,7 @@ def call(op, function, *arguments):
 
 
 def call_all():
-    """Call every body, with sizes of 1 too: Triton compiles those separately."""
+    """Call every kernel, with sizes of 1 too: Triton compiles those separately."""
     for channels, taps, dtype in ((3, 4, torch.int32), (80, 3, torch.int64), (1, 1, torch.int32)):
         values, index, weight, grad = test_gather.problem(k=taps, channels=channels, index_dtype=dtype)
         call("gather", "weighted_gather", values, index, weight)
@@ -64,13 +61,8 @@ def call_all():
     call("occlusion", "normal_gradient", grad, reference_occlusion.occluded_light(*case), *case)
     for columns in (1, 500):
         entries = torch.zeros(columns, dtype=torch.int32)
-        call(
-            "sparse",
-            "product",
-            CompressedRows(torch.tensor([0, columns]).int(), entries, entries.float(), columns),
-            torch.ones(columns, 3),
-            None,
-        )
+        matrix = CompressedRows(torch.tensor([0, columns]).int(), entries, entries.float(), columns)
+        call("sparse", "product", matrix, torch.ones(columns, 3), None)
     screen, faces = test_rasterize.soup(40, 64, 64)
     call("rasterize", "rasterize", screen, faces, 64, 64)
     call("rasterize", "rasterize", screen, faces[:1].long(), 64, 1)

@@ -36,22 +36,18 @@ def test_a_point_of_a_face_has_the_direction_of_the_table_and_the_direction_that
     assert [float(part) for part in found] == pytest.approx([face, 0.25, -0.5])
 
 
-@pytest.mark.parametrize(
-    ("direction", "face"),
-    [
-        ((2, 2, 1), 0),
-        ((-2, 2, 2), 1),
-        ((2, 1, -2), 0),
-        ((1, 2, 2), 2),
-        ((1, -2, 2), 3),
-        ((1, 1, 2), 4),
-        ((1, 1, -2), 5),
-    ],
-)
-def test_an_edge_belongs_to_the_first_axis_of_those_that_meet_there(
-    direction: tuple[float, float, float], face: int
-) -> None:
-    assert int(cubemap.face_coordinates(torch.tensor(direction, dtype=torch.float32))[0]) == face
+def test_an_edge_belongs_to_the_first_axis_of_those_that_meet_there() -> None:
+    corners = {
+        (2, 2, 1): 0,
+        (-2, 2, 2): 1,
+        (2, 1, -2): 0,
+        (1, 2, 2): 2,
+        (1, -2, 2): 3,
+        (1, 1, 2): 4,
+        (1, 1, -2): 5,
+    }
+    found = cubemap.face_coordinates(torch.tensor(list(corners), dtype=torch.float32))[0]
+    assert found.tolist() == list(corners.values())
 
 
 def test_columns_and_rows_have_their_centres_in_the_middle_of_equal_parts() -> None:
@@ -83,9 +79,8 @@ def test_a_solid_angle_is_that_of_a_pyramid() -> None:
 
 def test_a_mean_over_the_sphere_is_weighted_by_solid_angle() -> None:
     towards = cubemap.directions(32)
-    squares = cubemap.sphere_mean(
-        torch.stack([towards[..., 2] ** 2, towards[..., 0] ** 4, 3 + towards[..., 1]], -1)
-    )
+    values = torch.stack([towards[..., 2] ** 2, towards[..., 0] ** 4, 3 + towards[..., 1]], -1)
+    squares = cubemap.sphere_mean(values)
     assert squares.tolist() == pytest.approx([1 / 3, 1 / 5, 3], rel=1e-3)
     assert float(cubemap.sphere_mean(towards[..., 2].abs())) == pytest.approx(0.5, rel=1e-3)
     faces = torch.arange(6.0)[:, None, None].expand(6, 2, 2)
@@ -125,21 +120,15 @@ def test_a_border_holds_the_texel_across_the_edge(resolution: int) -> None:
     for face in range(6):
         for k in range(n):
             place = (2 * k + 1) / n - 1
-            borders = (
-                padded[face, k + 1, 0],
-                padded[face, k + 1, -1],
-                padded[face, 0, k + 1],
-                padded[face, -1, k + 1],
-            )
+            rows, columns = padded[face, k + 1, [0, -1]].tolist(), padded[face, [0, -1], k + 1].tolist()
+            borders = rows + columns
             for found, edge in zip(borders, ("left", "right", "top", "bottom"), strict=True):
                 assert int(found) == across(face, edge, place, n)
         for row in (0, -1):
             for column in (0, -1):
-                beside = (
-                    padded[face, row, 1 if column == 0 else -2],
-                    padded[face, 1 if row == 0 else -2, column],
-                )
-                assert int(padded[face, row, column]) in [int(texel) for texel in beside]
+                inner_row, inner_column = (1 if end == 0 else -2 for end in (row, column))
+                beside = padded[face, row, inner_column], padded[face, inner_row, column]
+                assert padded[face, row, column] in beside
 
 
 @pytest.mark.parametrize("resolution", [2, 4])
@@ -148,9 +137,8 @@ def test_cells_are_the_quartets_of_a_padded_face_without_its_corners(resolution:
     for row in (0, -1):
         for column in (0, -1):
             padded[:, row, column] = -1
-    quartets = torch.stack(
-        [padded[:, :-1, :-1], padded[:, :-1, 1:], padded[:, 1:, :-1], padded[:, 1:, 1:]], -1
-    )
+    upper, lower = padded[:, :-1], padded[:, 1:]
+    quartets = torch.stack([upper[..., :-1], upper[..., 1:], lower[..., :-1], lower[..., 1:]], -1)
     found = cubemap.cells(resolution, CPU)
     assert found.dtype == torch.int32
     assert torch.equal(found.long(), quartets.reshape(-1, 4))
@@ -212,3 +200,21 @@ def test_rows_may_look_into_cubemaps_of_their_own_and_with_a_scale_of_their_own(
         own_index, own_weight = cubemap.bilinear_taps(direction[k : k + 1], int(resolution[k]))
         assert torch.equal(index[k], own_index[0])
         torch.testing.assert_close(weight[k], scale[k] * own_weight[0])
+
+
+def test_the_cube_has_24_rotations_and_24_reflections():
+    index, handedness = cubemap.symmetries(4, torch.device("cpu"))
+    texels = cubemap.exact_directions(4).reshape(-1, 3)
+    assert int((handedness == 1).sum()) == int((handedness == -1).sum()) == 24
+    assert len(index.unique(dim=0)) == 48
+    for turn, hand in zip(index, handedness, strict=True):
+        matrix = torch.linalg.lstsq(texels, texels[turn]).solution
+        torch.testing.assert_close(matrix @ matrix.T, torch.eye(3, dtype=torch.float64))
+        torch.testing.assert_close(texels @ matrix, texels[turn])
+        assert torch.linalg.det(matrix).round() == hand
+
+
+def test_tap_weights_follow_their_direction():
+    direction = torch.tensor([[0.3, -0.5, 0.9], [1.0, 0.2, -0.1]], dtype=torch.float64, requires_grad=True)
+    cube = torch.rand(6, 8, 8, generator=torch.Generator().manual_seed(2), dtype=torch.float64)
+    assert torch.autograd.gradcheck(lambda d: looked_up(cube, d), (direction,), eps=1e-6, atol=1e-5)

@@ -1,18 +1,17 @@
-"""Culled stacking: within its bound of the exact sums for all kinds of lobes, and the same bits on any thread
-count.
-"""
+"""Culled stacking: within its bound of the exact sums for all kinds of lobes, with the same bits on any threads."""
 
 import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from lightprobe.kernels import stack_probes
-from lightprobe.kernels.culled_stacking import ERROR
+from lightprobe.kernels import dispatch, stack_probes
+from lightprobe.kernels.culled_stacking import ERROR, NODES
+from lightprobe.kernels.stacking import lobe_frames
 from lightprobe.light import cubemap
-from lightprobe.light.culled_stacking import stack_on_cubemap
+from lightprobe.light.culled_stacking import stack_on_cubemap, tile_tree
 from tests.stacking import pixels
-from tests.threads import torch_threads
+from tests.threads import assert_same_bits
 
 
 def exact(case, resolution):
@@ -87,9 +86,26 @@ def test_no_pixels_see_nothing():
 
 def test_bits_do_not_depend_on_threads():
     case = pixels(torch.linspace(0.08, 1, 300))
-    results = []
-    for count in (1, 2):
-        with torch_threads(count):
-            results.append(stack_on_cubemap(*case, 64))
-    for one, two in zip(*results, strict=True):
-        assert torch.equal(one, two)
+    assert_same_bits(lambda: stack_on_cubemap(*case, 64))
+
+
+def test_it_culls():
+    """A bound that lets every tile through, or none, would hide behind the error; the work would not."""
+    tree = tile_tree(128)
+    tiles, texels = tree.tiles.copy(), (torch.empty(6 * 128**2).numpy(), torch.empty(6 * 128**2, 3).numpy())
+    frames = lobe_frames(*pixels(torch.full((1,), 0.2))[1:]).numpy()
+    loops = dispatch.compiled_loops("culled_stacking", 1)
+    loops.stack(frames, torch.ones(1, 4).numpy(), tree.bounds, 0 * tree.maps, tree.texels, tiles, *texels)
+    touched = (tiles.reshape(-1, 7, NODES)[:, 3] != 0).any(axis=1).sum()
+    assert 300 < touched < 900  # of 8160 tiles, where all texels take 6144
+
+
+def test_there_is_no_gradient():
+    colors, *lobes = pixels(torch.full((3,), 0.5))
+    assert not any(found.requires_grad for found in stack_on_cubemap(colors.requires_grad_(), *lobes, 64))
+
+
+def test_a_map_too_small_for_quarters_is_refused():
+    """The loop would go down to tiles that are not there."""
+    with pytest.raises(ValueError, match="too small"):
+        tile_tree(16)

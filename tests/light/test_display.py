@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lightprobe.light.display import exposure, png, shown, tone_mapped
+from lightprobe.light.display import displayed, exposure, png, tone_mapped
 
 
 def grey(*levels: float) -> np.ndarray:
@@ -39,7 +39,7 @@ def test_highlights_bend_towards_one() -> None:
 def test_a_grey_map_is_shown_at_the_same_brightness_whatever_its_radiance() -> None:
     encoded = 1.055 * (1 - math.exp(-0.5)) ** (1 / 2.4) - 0.055
     for level in (0.003, 40.0):
-        assert shown(grey(level, level, level)) == pytest.approx(np.full((1, 3, 3), encoded), rel=1e-5)
+        assert displayed(grey(level, level, level)) == pytest.approx(np.full((1, 3, 3), encoded), rel=1e-5)
 
 
 def test_a_png_holds_rounded_bytes_cut_at_black_and_white() -> None:

@@ -22,13 +22,6 @@ def test_a_folder_of_maps_is_read_in_the_order_of_names(tmp_path):
     torch.testing.assert_close(second, torch.full((6, 16, 16, 3), 2.0), rtol=0.01, atol=0)
 
 
-def test_a_folder_without_maps_is_named(tmp_path):
-    with pytest.raises(InputError, match=r"has no \.exr or \.hdr"):
-        load_environments(tmp_path, 16)
-    with pytest.raises(InputError, match="is not a folder"):
-        load_environments(tmp_path / "nowhere", 16)
-
-
 def test_the_constant_light_has_its_radiance_as_mean_and_is_the_same_from_all_sides():
     light = Environment(torch.tensor([1.0, 2.0, 3.0]).expand(6, 16, 16, 3).contiguous())
     assert torch.allclose(light.mean(), torch.tensor([1.0, 2.0, 3.0]), rtol=1e-5)
@@ -56,12 +49,9 @@ def test_what_is_saved_is_loaded(tmp_path, suffix):
     assert torch.allclose(again.texels, light.texels, rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("rows", "resolution"),
-    [(4, 8), (16, 8), (62, 16), (64, 32), (128, 64), (200, 64), (256, 128), (600, 128)],
-)
-def test_a_map_becomes_the_cubemap_with_half_as_many_texels_on_an_edge_as_it_has_rows(rows, resolution):
-    assert Environment.from_panorama(np.ones((rows, 2 * rows, 3), np.float32)).resolution == resolution
+def test_a_map_becomes_the_cubemap_with_half_as_many_texels_on_an_edge_as_it_has_rows():
+    for rows, side in {4: 8, 16: 8, 62: 16, 64: 32, 128: 64, 200: 64, 256: 128, 600: 128}.items():
+        assert Environment.from_panorama(np.ones((rows, 2 * rows, 3), np.float32)).resolution == side
 
 
 @pytest.mark.parametrize("shape", [(6, 8, 4, 3), (5, 8, 8, 3), (6, 8, 8), (8, 8, 3)])
@@ -79,11 +69,6 @@ def test_a_notebook_shows_the_map_at_a_middling_brightness():
     assert 1 < picture[-1].mean() < 250
 
 
-def test_a_black_map_is_shown_black():
-    picture = np.asarray(Image.open(io.BytesIO(Environment(torch.zeros(6, 8, 8, 3))._repr_png_())))
-    assert picture.max() == 0
-
-
 @pytest.mark.parametrize(
     ("shape", "size"), [((4, 9, 3), "9 x 4 with 3"), ((4, 7, 3), "7 x 4 with 3"), ((4, 8, 1), "8 x 4 with 1")]
 )
@@ -91,9 +76,8 @@ def test_a_file_of_another_shape_is_named_with_its_size(
     tmp_path: Path, shape: tuple[int, int, int], size: str
 ) -> None:
     write_exr(tmp_path / "odd.exr", np.ones(shape, np.float32))
-    with pytest.raises(
-        InputError, match=rf"odd\.exr is {size} channels; an environment needs RGB and W = 2H\.$"
-    ):
+    words = rf"odd\.exr is {size} channels; an environment needs RGB and W = 2H\.$"
+    with pytest.raises(InputError, match=words):
         read_map(tmp_path / "odd.exr")
 
 
@@ -125,13 +109,3 @@ def test_a_resolution_and_a_height_may_be_asked_for(tmp_path: Path) -> None:
     assert light.panorama().shape == (16, 32, 3)
     assert light.rotated(torch.eye(3)).resolution == 8
     assert light.rotated(torch.eye(3), 4).resolution == light.resized(4).resolution == 4
-
-
-def test_a_mean_has_one_number_for_each_channel_and_a_factor_may_have_too() -> None:
-    texels = torch.zeros(6, 2, 2, 3)
-    texels[1] = torch.tensor([6.0, 12.0, 0.6])
-    light = Environment(texels)
-    assert light.mean().tolist() == pytest.approx([1, 2, 0.1])
-    assert light.scaled(torch.tensor([1.0, 2.0, 10.0])).mean().tolist() == pytest.approx([1, 4, 1])
-    assert light.to(torch.device("cpu")).device.type == "cpu"
-    assert light.solid_angles()[2, 1, 0] == pytest.approx(math.pi / 6)

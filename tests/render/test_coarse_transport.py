@@ -22,9 +22,8 @@ CAMERA = camera_at((2.6, 1.4, 1.2), size=32, focal=42.0)
 def gbuffer_of_sphere(*, shadowed: bool):
     sphere = glossy_sphere()
     if shadowed:
-        sphere = dataclasses.replace(
-            sphere, visibility=textured_visibility(sphere.mesh, sphere.textures.flat())
-        )
+        seen = textured_visibility(sphere.mesh, sphere.textures.flat())
+        sphere = dataclasses.replace(sphere, visibility=seen)
     return rasterize_asset(sphere, CAMERA, CPU)
 
 
@@ -45,9 +44,8 @@ def test_the_solve_explains_the_photo_and_a_stronger_pull_stays_nearer_to_the_le
     transport = CoarseTransport.of(gbuffer)
     observed = torch.einsum("cpk,kc->pc", transport.matrix, light.reshape(-1, 3))
     lights = transport.solve(observed, torch.ones_like(observed), torch.tensor(1.0), (10.0, 1e-3))
-    errors = [
-        float((torch.einsum("cpk,kc->pc", transport.matrix, e) - observed).abs().mean()) for e in lights
-    ]
+    renders = (torch.einsum("cpk,kc->pc", transport.matrix, light) for light in lights)
+    errors = [float((render - observed).abs().mean()) for render in renders]
     assert errors[1] < 0.01 * float(observed.mean())
     assert errors[1] < 0.2 * errors[0]
     assert float((lights[0] - 1).norm()) < float((lights[1] - 1).norm())
@@ -79,7 +77,6 @@ def test_where_nothing_is_open_no_light_arrives():
     gbuffer = gbuffer_of_sphere(shadowed=True)
     table = torch.zeros_like(gbuffer.visibility.vertices.unoccluded)
     vertices = dataclasses.replace(gbuffer.visibility.vertices, unoccluded=table)
-    closed = dataclasses.replace(
-        gbuffer, visibility=dataclasses.replace(gbuffer.visibility, vertices=vertices)
-    )
+    seen = dataclasses.replace(gbuffer.visibility, vertices=vertices)
+    closed = dataclasses.replace(gbuffer, visibility=seen)
     assert float(CoarseTransport.of(closed).matrix.abs().max()) == 0

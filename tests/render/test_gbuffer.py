@@ -24,6 +24,10 @@ def test_chosen_rows_keep_all_their_attributes():
     assert torch.equal(some.visibility.index, index[rows])
     assert torch.equal(some.visibility.weight, weight[rows])
     assert gbuffer.select(rows).visibility is None
+    for one in (whole, gbuffer):
+        again = one.holding(one.tensors())
+        assert all(torch.equal(a, b) for a, b in zip(again.tensors(), one.tensors(), strict=True))
+        assert (again.visibility is None) == (one.visibility is None)
 
 
 def test_views_stand_one_below_the_other():

@@ -114,51 +114,33 @@ class Stage:
         return picture.reshape(SIDE, SPLIT, SIDE, SPLIT, 3).mean((1, 3)).numpy()
 
     def theirs(self, light: np.ndarray, bsdf: dict, seed: int = 0) -> np.ndarray:
-        """Return Mitsuba's picture (SIDE, SIDE, 3) under light (H, 2H, 3); diffuse is sampled by the light
-        alone.
-        """
-        # Its first and last row of a light lie on the poles: on twice the rows its bilinear look-up is
-        # exactly ours.
+        """Return Mitsuba's picture (SIDE, SIDE, 3) under light (H, 2H, 3); a diffuse BSDF samples the light alone."""
+        # Mitsuba has the first and last row on the poles: on twice the rows its bilinear look-up is exactly ours.
         padded = np.concatenate([light[:1], light, light[-1:]])
         rows = np.empty((2 * len(light) + 1, *light.shape[1:]), np.float32)
         rows[1::2], rows[0::2] = light, (padded[:-1] + padded[1:]) / 2
-        scene = mi.load_dict(
-            {
-                "type": "scene",
-                "object": {"type": "ply", "filename": str(self.mesh_file), "bsdf": bsdf},
-                "light": {
-                    "type": "envmap",
-                    "bitmap": mi.Bitmap(rows),
-                    "to_world": mi.ScalarTransform4f(_ENVIRONMENT_AXES),
-                },
-                "sensor": _sensor(),
-                "integrator": {
-                    "type": "direct",
-                    "emitter_samples": 1,
-                    "bsdf_samples": int(bsdf["type"] != "diffuse"),
-                    "hide_emitters": True,
-                },
-            }
-        )
+        turn, samples = mi.ScalarTransform4f(_ENVIRONMENT_AXES), int(bsdf["type"] != "diffuse")
+        counts = {"emitter_samples": 1, "bsdf_samples": samples, "hide_emitters": True}
+        parts = {
+            "object": {"type": "ply", "filename": str(self.mesh_file), "bsdf": bsdf},
+            "light": {"type": "envmap", "bitmap": mi.Bitmap(rows), "to_world": turn},
+            "sensor": _sensor(),
+            "integrator": {"type": "direct", **counts},
+        }
+        scene = mi.load_dict({"type": "scene", **parts})
         return np.array(mi.render(scene, seed=seed, spp=SAMPLES))[..., :3]
 
 
 def _sensor() -> dict:
     pose = CAMERA.camera_to_world @ np.diag([-1.0, 1.0, -1.0, 1.0])  # it looks along +z with x to the left
+    formats = {"pixel_format": "rgba", "component_format": "float32"}
     return {
         "type": "perspective",
         "fov": math.degrees(2.0 * math.atan(0.5 * SIDE / CAMERA.fx)),
         "fov_axis": "x",
         "to_world": mi.ScalarTransform4f(pose.tolist()),
         "sampler": {"type": "multijitter", "sample_count": SAMPLES},
-        "film": {
-            "type": "hdrfilm",
-            "width": SIDE,
-            "height": SIDE,
-            "pixel_format": "rgba",
-            "component_format": "float32",
-            "rfilter": {"type": "box"},
-        },
+        "film": {"type": "hdrfilm", "width": SIDE, "height": SIDE, "rfilter": {"type": "box"}, **formats},
     }
 
 
@@ -168,9 +150,8 @@ def stage(mitsuba, tmp_path_factory) -> Stage:
     vertices, faces = torch.from_numpy(ball * np.float32(AXES)), torch.from_numpy(faces)
     normals = vertex_normals(vertices, faces)
     path = tmp_path_factory.mktemp("mitsuba") / "ellipsoid.ply"
-    trimesh.Trimesh(vertices, faces, vertex_normals=normals.numpy(), process=False).export(
-        path, vertex_normal=True
-    )
+    mesh = trimesh.Trimesh(vertices, faces, vertex_normals=normals.numpy(), process=False)
+    mesh.export(path, vertex_normal=True)
     return Stage(path, vertices, faces, normals)
 
 
@@ -192,7 +173,7 @@ def test_diffuse_is_mitsubas(stage, name):
     levels = operator.apply(equirect.to_cubemap(light, R))
     white, black = (stage.gbuffer(base, 0.5, 0.0) for base in (1.0, 0.0))
     cosine = (white.normal * white.view).sum(-1)
-    passed = (1.0 - brdf.DIELECTRIC_F0) * (1.0 - brdf.diffuse_fresnel(cosine))
+    passed = (1.0 - brdf.DIELECTRIC_F0) * (1.0 - brdf.environment_brdf(cosine, white.roughness)[2])
     ours = (shade(white, operator, levels) - shade(black, operator, levels)) / passed[:, None]
     theirs = stage.theirs(light.numpy(), {"type": "diffuse", "reflectance": {"type": "rgb", "value": 1.0}})
     assert relative_error(stage.ours(white, ours), theirs) < DIFFUSE_BOUND

@@ -1,6 +1,4 @@
-"""The refit: finds brightness and contrast again, whatever the exposure, and does not mind clipped or stray
-pixels.
-"""
+"""The refit finds brightness and contrast again, whatever the exposure, despite clipped and stray pixels."""
 
 import numpy as np
 import pytest
@@ -20,9 +18,7 @@ def case(exposure=1.0):
 
 
 def refitted(transport, light, observed, clipped=None):
-    """Return a light with brightness and contrast refitted to pixels, none of them clipped where nothing is
-    said.
-    """
+    """Return a light with brightness and contrast refitted to pixels, by default none of them clipped."""
     clipped = torch.zeros_like(observed, dtype=torch.bool) if clipped is None else clipped
     return refit_contrast(transport, transport.lit(light), observed, clipped)
 
@@ -59,13 +55,6 @@ def test_what_is_clipped_throughout_leaves_a_light_as_it_is(channels):
     torch.testing.assert_close(refitted(transport, light, shown, clipped), light, rtol=1e-3, atol=1e-3)
 
 
-def test_a_constant_light_keeps_its_colour():
-    transport = Transport(sphere_gbuffer(300), cached(R))
-    light = torch.ones(6, R, R, 3) * torch.tensor([0.5, 0.4, 0.3])
-    found = refitted(transport, light, 1.5 * transport.apply(light))
-    torch.testing.assert_close(found, 1.5 * light, rtol=1e-3, atol=1e-4)
-
-
 @pytest.mark.parametrize(("factor", "most"), [(9.0, 2.0), (0.1, 0.5)])
 def test_a_light_is_at_most_doubled_or_halved(factor, most):
     transport, light, observed = case()
@@ -90,19 +79,16 @@ def test_six_rounds_of_reweighted_least_squares_in_displayed_values():
     clipped = observed > observed.quantile(0.8)
     flat = light.mean((0, 1, 2)).expand_as(light)
     unit = observed.mean() / 0.22
-    mean, both, target = (
-        (x / unit).numpy() for x in (transport.apply(flat), transport.apply(light), observed)
-    )
+    pictures = transport.apply(flat), transport.apply(light), observed
+    mean, both, target = ((x / unit).numpy() for x in pictures)
     varying, a, b = both - mean, np.ones(3), 1.0
     for _ in range(6):
         render = np.maximum(a * mean + b * varying, 0)
         slope = (render + 0.02) ** -0.55
         weight = slope**2 / (slope * np.abs(render - target) + 0.005)
         weight[clipped.numpy() & (render > target)] = 0
-        rows = (
-            np.concatenate([np.eye(3)[None] * mean[..., None], varying[..., None]], 2)
-            * np.sqrt(weight)[..., None]
-        )
+        rows = np.concatenate([np.eye(3)[None] * mean[..., None], varying[..., None]], 2)
+        rows = rows * np.sqrt(weight)[..., None]
         steady = np.sqrt(1e-4 * (weight * mean**2).sum())  # keeps b at 1 where nothing tells
         rows = np.concatenate([rows.reshape(-1, 4), [[0, 0, 0, steady]]])
         wanted = np.append((np.sqrt(weight) * target).ravel(), steady)
@@ -112,13 +98,3 @@ def test_six_rounds_of_reweighted_least_squares_in_displayed_values():
     assert clipped.sum() > 10
     expected = torch.from_numpy(a) * flat + b * (light - flat)
     torch.testing.assert_close(refitted(transport, light, observed, clipped), expected.clamp(min=0))
-
-
-def test_a_light_of_no_contrast_keeps_the_contrast_that_rounding_leaves_it():
-    """Its b is 1, which a photo of much contrast does not change."""
-    transport = DenseTransport.random(40, 2)
-    light = torch.full((6, 2, 2, 3), 0.5, dtype=torch.float64)
-    observed = transport.apply(light) * torch.rand(40, 1, generator=torch.Generator().manual_seed(4)).double()
-    found = refitted(transport, light, observed)
-    assert torch.isfinite(found).all()
-    assert float((found - found.mean((0, 1, 2))).abs().max()) < 1e-12

@@ -5,13 +5,8 @@ import torch
 
 from lightprobe.geometry.mesh import edge_faces
 from lightprobe.kernels import rasterize
-from lightprobe.render.silhouette import (
-    Crossings,
-    coverage,
-    outline_vertices,
-    silhouette_crossings,
-    spread_color,
-)
+from lightprobe.render import silhouette
+from lightprobe.render.silhouette import Crossings, coverage, silhouette_crossings, spread_color
 from lightprobe.render.surface import View, visible_surface
 from tests.shapes import camera_at, sphere
 
@@ -62,26 +57,6 @@ def test_gradient_of_the_area_matches_finite_differences():
     assert abs(float(scale.grad) - numeric) < 0.03 * numeric
 
 
-def test_gradient_moves_the_outline_sideways():
-    vertices, faces = unit_sphere(3)
-    view = View.of(camera_at([3.0, 0.0, 0.0]), torch.device("cpu"))
-    shift = torch.zeros(3, requires_grad=True)
-    cover, _, _ = covered_area(vertices + shift, faces, view)
-    right_half = cover.reshape(64, 64)[:, 32:].sum()
-    right_half.backward()
-    # The camera at +x with z up has +y to its right.
-    assert shift.grad[1] > 10
-    assert abs(float(shift.grad[2])) < 0.1 * float(shift.grad[1])
-
-
-def test_outline_pixels_repeat_the_colour_inside():
-    vertices, faces = unit_sphere(3)
-    view = View.of(camera_at([0.0, 3.0, 0.5], width=48), torch.device("cpu"))
-    cover, surface, crossings = covered_area(vertices, faces, view)
-    image = spread_color(torch.full((len(surface.pixel), 3), 0.25), surface.pixel, crossings, cover)
-    assert torch.allclose(image, 0.25 * cover[:, None].expand(-1, 3), atol=1e-6)
-
-
 def test_the_outline_needs_only_the_vertices_where_it_can_be():
     vertices, faces = unit_sphere(3)
     view = View.of(camera_at([3.0, 0.5, 0.3]), torch.device("cpu"))
@@ -89,7 +64,7 @@ def test_the_outline_needs_only_the_vertices_where_it_can_be():
     for some in (faces, open_ball, faces[:1]):
         screen = view.project(vertices)
         pixel = visible_surface(vertices, some, view).pixel
-        chosen = outline_vertices(screen, some)
+        chosen = silhouette.outline_vertices(screen, some)
         every, few = (
             silhouette_crossings(screen, some, edges, pixel, view)
             for edges in (edge_faces(some), edge_faces(some, chosen))
@@ -110,9 +85,7 @@ def rectangle(left: float, top: float, right: float, bottom: float) -> list[tupl
     return [(left, top), (right, top), (right, bottom), (left, bottom)]
 
 
-def crossed(
-    screen: torch.Tensor, faces: torch.Tensor, width: int, height: int
-) -> tuple[torch.Tensor, Crossings]:
+def crossed(screen, faces, width: int, height: int) -> tuple[torch.Tensor, Crossings]:
     """Return which pixels the rasteriser covers (P,), and where the outline passes."""
     pixel = (rasterize(screen.detach(), faces, height, width).face.reshape(-1) >= 0).nonzero()[:, 0]
     view = replace(View.of(camera_at([3.0, 0.0, 0.0]), torch.device("cpu")), width=width, height=height)
@@ -170,9 +143,8 @@ def shares(screen: torch.Tensor, faces: torch.Tensor, width: int, height: int) -
 )
 def test_beside_a_straight_edge_a_pixel_has_the_share_that_is_left(sides, size, expected, turn):
     screen, faces = sheets(rectangle(*sides)[::turn])
-    torch.testing.assert_close(
-        shares(screen, faces, *size), torch.tensor(expected).float(), rtol=0, atol=1e-5
-    )
+    found = shares(screen, faces, *size)
+    torch.testing.assert_close(found, torch.tensor(expected).float(), rtol=0, atol=1e-5)
 
 
 def overlap(low: float, high: float, count: int) -> list[float]:
@@ -183,13 +155,10 @@ def overlap(low: float, high: float, count: int) -> list[float]:
 @pytest.mark.parametrize("swapped", [False, True])
 def test_along_a_slanted_edge_the_share_is_that_at_the_middle_of_the_row(swapped):
     outline = [(1.2, -1.0), (4.6, -1.0), (5.4, 7.0), (2.9, 7.0)]
-    expected = [
-        overlap(1.2 + 1.7 * (y + 1) / 8, 4.6 + 0.8 * (y + 1) / 8, 7) for y in (0.5, 1.5, 2.5, 3.5, 4.5)
-    ]
-    if swapped:
-        found = shares(*sheets([(y, x) for x, y in outline]), 5, 7).T
-    else:
-        found = shares(*sheets(outline), 7, 5)
+    rows = [(y + 1) / 8 for y in (0.5, 1.5, 2.5, 3.5, 4.5)]
+    expected = [overlap(1.2 + 1.7 * row, 4.6 + 0.8 * row, 7) for row in rows]
+    upright = sheets(outline if not swapped else [(y, x) for x, y in outline])
+    found = shares(*upright, 5, 7).T if swapped else shares(*upright, 7, 5)
     torch.testing.assert_close(found, torch.tensor(expected), rtol=0, atol=1e-5)
 
 
@@ -205,9 +174,8 @@ def test_between_two_sheets_a_pixel_has_of_both_and_of_either_s_colour():
     screen, faces = sheets(rectangle(-1, -1, 2.2, 9), rectangle(2.9, -1, 9, 9))
     pixel, crossings = crossed(screen, faces, 5, 3)
     cover = coverage(pixel, crossings, 15)
-    torch.testing.assert_close(
-        cover.reshape(3, 5), torch.tensor([[1, 1, 0.3, 1, 1]]).expand(3, 5), rtol=0, atol=1e-5
-    )
+    expected = torch.tensor([[1, 1, 0.3, 1, 1]]).expand(3, 5)
+    torch.testing.assert_close(cover.reshape(3, 5), expected, rtol=0, atol=1e-5)
     radiance = torch.tensor([[5.0, 1.0], [5.0, 1.0], [2.0, 7.0], [2.0, 7.0]]).repeat(3, 1)
     image = spread_color(radiance, pixel, crossings, cover).reshape(3, 5, 2)
     mixed = [0.2 * 5 + 0.1 * 2, 0.2 * 1 + 0.1 * 7]
@@ -261,23 +229,3 @@ def test_moving_an_edge_by_a_pixel_changes_the_area_by_its_length_in_rows():
     assert slope[[0, 3], 0].sum() == pytest.approx(-rows)
     assert slope[[2, 3], 1].sum() == pytest.approx(columns)
     assert slope[[0, 1], 1].sum() == pytest.approx(-columns)
-
-
-def test_only_the_rim_of_a_solid_or_of_an_open_sheet_can_be_outline():
-    ring = [(1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0)]
-    octahedron = torch.tensor([(0.1, 0.2, 2.0), (0.0, 0.1, 1.0), *((x, y, 1.5) for x, y in ring)])
-    sides = []
-    for one, two in ((2, 3), (3, 4), (4, 5), (5, 2)):
-        sides += [(0, one, two), (1, two, one)]
-    faces = torch.tensor(sides, dtype=torch.int32)
-    assert outline_vertices(octahedron, faces).tolist() == [False, False, True, True, True, True]
-    upper = faces[::2]  # without the lower half: the same rim, which is open now
-    assert outline_vertices(octahedron, upper).tolist() == [False, False, True, True, True, True]
-    assert outline_vertices(octahedron, upper[:, [1, 0, 2]]).tolist() == [
-        False,
-        False,
-        True,
-        True,
-        True,
-        True,
-    ]

@@ -5,7 +5,7 @@ import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
-from lightprobe.render.brdf import base_reflectance, diffuse_fresnel, environment_brdf
+from lightprobe.render.brdf import base_reflectance, environment_brdf
 from lightprobe.render.split_sum import Shading, furnace, occlude, reflectance, shade, specular_taps
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, any_gbuffer, brute_force, sky, sphere_gbuffer
@@ -21,9 +21,7 @@ def test_white_furnace():
     assert smooth.mean() > 0.97
     assert rough.max() < 1.0
     dielectric = shade(sphere_gbuffer(roughness=0.5, base=(1, 1, 1)), operator, white)
-    assert dielectric.mean() == pytest.approx(
-        1.0, abs=0.02
-    )  # beyond 1 only at the rim, where Fresnel's term rises
+    assert dielectric.mean() == pytest.approx(1.0, abs=0.02)  # Fresnel's term exceeds 1 at the rim alone
     assert dielectric.max() < 1.12
 
 
@@ -44,12 +42,11 @@ def test_a_constant_light_is_reflected_exactly():
     gbuffer, operator = any_gbuffer(500), cached(R)
     cosine = (gbuffer.normal * gbuffer.view).sum(-1)
     f0 = base_reflectance(gbuffer.base_color, gbuffer.metallic)
-    a, b = environment_brdf(cosine, gbuffer.roughness)
-    passed = (1 - gbuffer.metallic) * (1 - diffuse_fresnel(cosine))
+    a, b, c = environment_brdf(cosine, gbuffer.roughness)
+    passed = (1 - gbuffer.metallic) * (1 - c)
     expected = f0 * a[:, None] + b[:, None] + gbuffer.base_color * (1 - f0) * passed[:, None]
-    assert torch.allclose(
-        shade(gbuffer, operator, torch.full((operator.total, 3), 0.7)), 0.7 * expected, atol=1e-5
-    )
+    found = shade(gbuffer, operator, torch.full((operator.total, 3), 0.7))
+    assert torch.allclose(found, 0.7 * expected, atol=1e-5)
 
 
 def test_no_light_counts_negative():
@@ -62,9 +59,7 @@ def test_no_light_counts_negative():
 
 @pytest.mark.slow
 def test_gradients_of_the_surface():
-    """In all attributes of the surface, against finite differences; points on the nodes of a table would have
-    none.
-    """
+    """In all attributes of the surface, against finite differences, off the nodes of the tables."""
     gbuffer, operator = any_gbuffer(12, torch.float64), cached(R)
     levels = torch.rand(operator.total, 3, generator=torch.Generator().manual_seed(6), dtype=torch.float64)
     names = ("normal", "view", "base_color", "roughness", "metallic")
@@ -72,9 +67,8 @@ def test_gradients_of_the_surface():
     def shaded(*values):
         return shade(replace(gbuffer, **dict(zip(names, values, strict=True))), operator, levels)
 
-    assert torch.autograd.gradcheck(
-        shaded, [getattr(gbuffer, name).clone().requires_grad_() for name in names]
-    )
+    variables = [getattr(gbuffer, name).clone().requires_grad_() for name in names]
+    assert torch.autograd.gradcheck(shaded, variables)
 
 
 def test_shading_kept_for_many_lights_is_shading():
@@ -82,34 +76,25 @@ def test_shading_kept_for_many_lights_is_shading():
     shading = Shading.of(gbuffer, operator)
     for light in (sky(R), sky(R).flip(1)):
         levels = operator.apply(light)
-        torch.testing.assert_close(
-            shading.apply(levels), shade(gbuffer, operator, levels), rtol=1e-5, atol=1e-6
-        )
+        expected = shade(gbuffer, operator, levels)
+        torch.testing.assert_close(shading.apply(levels), expected, rtol=1e-5, atol=1e-6)
 
 
 def test_the_mirror_direction_has_the_view_s_angle_on_the_other_side():
     gbuffer = sphere_gbuffer(2)
-    normal, view = (
-        torch.tensor([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]]),
-        torch.tensor([[0.0, 0.6, 0.8], [0.8, -0.6, 0.0]]),
-    )
+    normal = torch.tensor([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
+    view = torch.tensor([[0.0, 0.6, 0.8], [0.8, -0.6, 0.0]])  # the second sees its pixel from behind
     found = reflectance(replace(gbuffer, normal=normal, view=view)).mirror
-    expected = [
-        [2 * 0.64 * 0.6, -0.6, 2 * 0.64 * 0.8 - 0.8],
-        [-0.8, -0.6, 0.0],
-    ]  # the second is seen from behind
-    torch.testing.assert_close(found, torch.tensor(expected))
+    expected = torch.tensor([[2 * 0.64 * 0.6, -0.6, 2 * 0.64 * 0.8 - 0.8], [-0.8, -0.6, 0.0]])
+    torch.testing.assert_close(found, expected)
 
 
 def half_open(gbuffer, opened: int, color=(0.9, 0.5, 0.1)):
-    """Return the pixels, each open by the same share of 255 in all directions, between surfaces of one
-    colour.
-    """
+    """Return the pixels, each open by the same share of 255 in all directions, between surfaces of one colour."""
     count = len(gbuffer.pixel)
     seen = VertexVisibility(torch.full((1, 384), opened, dtype=torch.uint8), torch.tensor([color]))
-    return replace(
-        gbuffer, visibility=PointVisibility(seen, torch.zeros(count, 1).long(), torch.ones(count, 1))
-    )
+    points = PointVisibility(seen, torch.zeros(count, 1).long(), torch.ones(count, 1))
+    return replace(gbuffer, visibility=points)
 
 
 def test_a_lobe_is_as_open_as_its_axis_when_sharp_and_as_its_hemisphere_when_matte():
@@ -133,9 +118,7 @@ def test_a_constant_light_reaches_an_open_share_directly_and_the_rest_by_a_bounc
 
 
 def test_a_matte_white_surface_shows_the_mean_light_around_its_normal():
-    """In absolute radiance, the light of each channel its own: a dielectric keeps base (1 - F0) (1 - C) of
-    it.
-    """
+    """In absolute radiance, by channel: a dielectric keeps base (1 - F0) (1 - C) of the light."""
     normal = torch.nn.functional.normalize(torch.tensor([[0.3, -0.5, 0.8], [-0.7, 0.2, 0.1]]), dim=1)
     white, black = (
         replace(sphere_gbuffer(2, roughness=1.0, base=(base, base / 2, base / 4)), normal=normal, view=normal)
@@ -146,5 +129,6 @@ def test_a_matte_white_surface_shows_the_mean_light_around_its_normal():
     found = shade(white, operator, levels) - shade(black, operator, levels)
     d, angle = cubemap.directions(R).reshape(-1, 3), cubemap.solid_angles(R).reshape(-1)
     weight = (normal @ d.T).clamp(min=0) * angle / torch.pi
-    kept = torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - float(diffuse_fresnel(torch.ones(1))))
+    reflected = float(environment_brdf(torch.ones(1), torch.ones(1))[2])
+    kept = torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - reflected)
     torch.testing.assert_close(found, kept * (weight @ light.reshape(-1, 3)), rtol=0.01, atol=1e-3)

@@ -15,7 +15,7 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.picture import Picture
 from lightprobe.render.suns import Suns, sharpened
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
-from tests.shapes import ball_over_floor, camera_at, sphere_mesh
+from tests.shapes import ball_over_floor, camera_at
 
 CPU = torch.device("cpu")
 R = 16
@@ -32,43 +32,16 @@ def sunny() -> torch.Tensor:
 
 def white(vertices, faces) -> Asset:
     """Return a mesh of one matte colour with its shadows."""
-    mesh = Mesh(
-        vertices, faces, torch.rand(len(vertices), 2, generator=torch.Generator().manual_seed(0)), faces
-    )
+    uvs = torch.rand(len(vertices), 2, generator=torch.Generator().manual_seed(0))
+    mesh = Mesh(vertices, faces, uvs, faces)
     plain = torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3).contiguous()
     textures = Textures(torch.full((8, 8, 3), 0.5), torch.ones(8, 8), torch.zeros(8, 8), plain)
     return Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
 
 
-def test_a_sun_is_found_where_it_stands():
-    suns = Suns.of(sunny())
-    assert len(suns.block) == 1
-    torch.testing.assert_close(suns.direction[0], TOWARDS, atol=1e-6, rtol=0)
-    flux = sunny().reshape(-1, 3)[SUN] * cubemap.solid_angles(R).reshape(-1)[SUN]
-    torch.testing.assert_close(suns.flux[0], flux, rtol=5e-3, atol=0)
-    assert int(cubemap.nearest_texel(TOWARDS[None].double(), 8)) == int(suns.block[0])
-
-
-@pytest.mark.parametrize(
-    "light", [torch.full((6, R, R, 3), 0.5), torch.zeros(6, R, R, 3), torch.rand(6, 8, 8, 3)]
-)
-def test_a_light_without_any(light):
-    assert len(Suns.of(light).block) == 0
-
-
-@pytest.mark.slow
-def test_a_ball_is_lit_as_by_a_lamp_far_away():
-    mesh = sphere_mesh(3)
-    asset = white(mesh.vertices, mesh.faces)
-    gbuffer = rasterize_asset(asset, camera_at((3.0, 1.0, 2.0), size=48, focal=66.0), CPU)
-    suns = Suns.of(sunny())
-    blocks = torch.zeros(384, 3)
-    blocks[suns.block] = suns.flux / cubemap.solid_angles(8).reshape(-1, 1)[suns.block]
-    diffuse = gbuffer.visibility.light(blocks, gbuffer.normal)[:, :3] + sharpened(gbuffer, asset.mesh, suns)
-    expected = (gbuffer.normal @ TOWARDS).clamp(min=0)[:, None] * suns.flux[0] / torch.pi
-    off = (diffuse - expected).abs().sum(1) / (suns.flux.sum() / torch.pi)
-    assert float((off > 0.01).float().mean()) < 0.05  # along the edge of its shadow faces are lit or not
-    assert float(off.max()) < 0.2
+def test_a_light_without_any():
+    for light in (torch.full((6, R, R, 3), 0.5), torch.zeros(6, R, R, 3), torch.rand(6, 8, 8, 3)):
+        assert len(Suns.of(light).block) == 0
 
 
 @pytest.mark.slow
@@ -92,9 +65,7 @@ def test_the_shadow_of_a_ball_is_where_and_as_sharp_as_it_should():
 
 
 def lit_texels(level: float, *suns: tuple[tuple[int, int, int], float]) -> torch.Tensor:
-    """Return a grey light (6, R, R, 3) with suns of a brightness in a red (1.5, 1, .5), each at (face, row,
-    column).
-    """
+    """Return a grey light (6, R, R, 3) with suns of a brightness in a red (1.5, 1, .5) at (face, row, column)."""
     light = torch.full((6, R, R, 3), level)
     for place, brightness in suns:
         light[place] = brightness * torch.tensor([1.5, 1.0, 0.5])
@@ -113,11 +84,8 @@ def test_a_sun_of_two_texels_stands_where_its_flux_balances():
     suns = Suns.of(lit_texels(0.2, ((1, 8, 3), 6.6), ((1, 9, 2), 3.6)))
     assert suns.block.tolist() == [64 + 4 * 8 + 1]
     places = (1, torch.tensor([8, 9]), torch.tensor([3, 2]))
-    flux = (
-        torch.tensor([6.0, 3.0])[:, None]
-        * torch.tensor([1.5, 1.0, 0.5])
-        * cubemap.solid_angles(R)[places][:, None]
-    )
+    strength = torch.tensor([6.0, 3.0])[:, None] * torch.tensor([1.5, 1.0, 0.5])
+    flux = strength * cubemap.solid_angles(R)[places][:, None]
     torch.testing.assert_close(suns.flux[0], flux.sum(0))
     middle = (flux.sum(1, keepdim=True) * cubemap.directions(R)[places]).sum(0)
     torch.testing.assert_close(suns.direction[0], middle / middle.norm())
@@ -136,9 +104,8 @@ def test_the_eight_strongest_suns_come_in_their_order():
     angle = cubemap.solid_angles(R)
     places = [(face, 4 * k + 1, 3) for face in (0, 2, 5) for k in range(3)]
     strength = [30.0, 90.0, 50.0, 70.0, 20.0, 80.0, 10.0, 60.0, 40.0]
-    light = lit_texels(
-        0.1, *((place, s / float(angle[place])) for place, s in zip(places, strength, strict=True))
-    )
+    suns = [(place, s / float(angle[place])) for place, s in zip(places, strength, strict=True)]
+    light = lit_texels(0.1, *suns)
     order = sorted(range(9), key=lambda k: -strength[k])[:8]
     expected = [places[k][0] * 64 + places[k][1] // 2 * 8 + 1 for k in order]
     assert Suns.of(light).block.tolist() == expected
@@ -161,20 +128,9 @@ def open_floor(count: int) -> tuple[GBuffer, Mesh]:
     up = torch.tensor([0.0, 0.0, 1.0]).expand(count, 3)
     ids, grey = torch.arange(count), torch.full((count,), 0.5)
     index, weight = torch.zeros(count, 1, dtype=torch.long), torch.ones(count, 1)
-    gbuffer = GBuffer(
-        1,
-        count,
-        ids,
-        ids * 0,
-        torch.stack([x, 0 * x, 0 * x], 1),
-        up,
-        up,
-        grey[:, None].expand(-1, 3),
-        grey,
-        grey,
-        PointVisibility(seen, index, weight),
-    )
-    return gbuffer, mesh
+    position, base, points = torch.stack([x, 0 * x, 0 * x], 1), grey[:, None].expand(-1, 3), (ids, ids * 0)
+    visibility = PointVisibility(seen, index, weight)
+    return GBuffer(1, count, *points, position, up, up, base, grey, grey, visibility), mesh
 
 
 def test_what_else_casts_shadows_is_looked_at_from_its_own_middle(monkeypatch):
@@ -194,14 +150,7 @@ def test_what_else_casts_shadows_is_looked_at_from_its_own_middle(monkeypatch):
     for others, dark in (((), []), (((sheet, mesh.faces),), [hidden])):
         lit = torch.ones(9, 1)
         lit[dark] = 0
-        torch.testing.assert_close(
-            known + sharpened(gbuffer, mesh, suns, others), lit * full, rtol=1e-4, atol=1e-5
-        )
+        found = known + sharpened(gbuffer, mesh, suns, others)
+        torch.testing.assert_close(found, lit * full, rtol=1e-4, atol=1e-5)
     below = replace(suns, direction=-suns.direction)
     torch.testing.assert_close(known + sharpened(gbuffer, mesh, below), torch.zeros(9, 3), rtol=0, atol=1e-6)
-
-
-def test_sharp_shadows_need_a_visibility_to_be_sharper_than():
-    gbuffer, mesh = open_floor(2)
-    with pytest.raises(ValueError, match="no visibility"):
-        sharpened(replace(gbuffer, visibility=None), mesh, Suns.of(sunny()))

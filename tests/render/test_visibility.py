@@ -1,4 +1,4 @@
-"""The object's own shadows: visibility in closed form, and what shading and the transport make of it."""
+"""The object's own shadows: visibility in closed form, and what shading makes of it."""
 
 import dataclasses
 
@@ -7,14 +7,16 @@ import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
-from lightprobe.render import transport
-from lightprobe.render.split_sum import Shading, furnace, shade
-from lightprobe.render.taps import GatheredTaps, SparseTaps
-from lightprobe.render.transport import Transport
-from lightprobe.render.vertex_visibility import vertex_visibility
-from lightprobe.render.visibility import PointVisibility, VertexVisibility, ambient_occlusion
-from tests.gbuffers import R, sky, sphere_gbuffer
-from tests.shapes import ball_over_floor
+from lightprobe.render.split_sum import furnace, shade
+from lightprobe.render.visibility import (
+    PointVisibility,
+    VertexVisibility,
+    ambient_occlusion,
+    point_visibility,
+    vertex_visibility,
+)
+from tests.gbuffers import R, sphere_gbuffer
+from tests.shapes import ball_over_floor, sphere
 
 
 def grey(faces: torch.Tensor) -> torch.Tensor:
@@ -29,9 +31,8 @@ def shaded_gbuffer(blockers=(0.6, 0.3, 0.8), **material):
     index = torch.randint(0, 30, (400, 3), generator=random)
     weight = torch.rand(400, 3, generator=random)
     seen = VertexVisibility(table, torch.tensor(blockers).expand(30, 3).contiguous())
-    return dataclasses.replace(
-        gbuffer, visibility=PointVisibility(seen, index, weight / weight.sum(1, keepdim=True))
-    )
+    points = PointVisibility(seen, index, weight / weight.sum(1, keepdim=True))
+    return dataclasses.replace(gbuffer, visibility=points)
 
 
 @pytest.mark.slow
@@ -46,31 +47,15 @@ def test_the_shadow_falls_away_from_the_light():
     assert float(away) > 0.9
 
 
-@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])  # a CPU's and a GPU's
-def test_transport_is_shading_and_its_transpose(taps, monkeypatch):
-    monkeypatch.setattr(transport, "look_up", lambda device: taps)
-    gbuffer, operator = shaded_gbuffer(roughness=0.35, metallic=0.3), cached(R)
-    light, radiance = sky(R), torch.randn(400, 3)
-    linear = Transport(gbuffer, operator)
-    expected = shade(gbuffer, operator, operator.apply(light))
-    torch.testing.assert_close(linear.apply(light), expected, rtol=1e-4, atol=1e-5)
-    kept = Shading.of(gbuffer, operator).apply(operator.apply(light))
-    torch.testing.assert_close(kept, expected, rtol=1e-5, atol=1e-6)
-    product, transposed = (expected * radiance).sum(), (linear.adjoint(radiance) * light).sum()
-    torch.testing.assert_close(product, transposed, rtol=1e-4, atol=1e-2)
-
-
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
 def test_what_blocks_lends_its_colour(metallic):
     """The object's own colour has no part in it: gold beside black reflects black."""
     material = {"roughness": 0.3, "metallic": metallic, "base": (0.9, 0.7, 0.2)}
-    dark, light, red = (
-        furnace(shaded_gbuffer(c, **material)) for c in ((0.0,) * 3, (1.0,) * 3, (1.0, 0.25, 0.0))
-    )
+    colors = (0.0,) * 3, (1.0,) * 3, (1.0, 0.25, 0.0)
+    dark, light, red = (furnace(shaded_gbuffer(color, **material)) for color in colors)
     assert bool((light > dark + 0.01).all())
-    torch.testing.assert_close(
-        red, dark + torch.tensor([1.0, 0.25, 0.0]) * (light - dark), rtol=1e-4, atol=1e-5
-    )
+    expected = dark + torch.tensor([1.0, 0.25, 0.0]) * (light - dark)
+    torch.testing.assert_close(red, expected, rtol=1e-4, atol=1e-5)
 
 
 @pytest.mark.parametrize("metallic", [0.0, 1.0])
@@ -80,9 +65,8 @@ def test_furnace(metallic):
     torch.testing.assert_close(furnace(gbuffer), white, rtol=1e-4, atol=1e-5)
     unshadowed = furnace(dataclasses.replace(gbuffer, visibility=None))
     assert bool((white <= unshadowed + 1e-5).all())
-    lossless = shaded_gbuffer(
-        roughness=0.4, metallic=metallic, base=(1.0, 1.0, 1.0), blockers=(1.0, 1.0, 1.0)
-    )
+    white = (1.0, 1.0, 1.0)
+    lossless = shaded_gbuffer(roughness=0.4, metallic=metallic, base=white, blockers=white)
     unshadowed = furnace(dataclasses.replace(lossless, visibility=None))
     torch.testing.assert_close(furnace(lossless), unshadowed, rtol=1e-4, atol=1e-5)
 
@@ -95,9 +79,8 @@ def two_vertices() -> PointVisibility:
     halves = torch.where(DIRECTIONS[:, 0] > 0, 255, 0)
     table = torch.stack([torch.full((384,), 51), halves]).to(torch.uint8)
     colors = torch.tensor([[0.8, 0.4, 0.2], [0.4, 0.6, 1.0]])
-    return PointVisibility(
-        VertexVisibility(table, colors), torch.tensor([[1, 0]]), torch.tensor([[0.25, 0.75]])
-    )
+    seen = VertexVisibility(table, colors)
+    return PointVisibility(seen, torch.tensor([[1, 0]]), torch.tensor([[0.25, 0.75]]))
 
 
 def test_between_vertices_openness_and_colour_are_weighed():
@@ -129,3 +112,81 @@ def test_occlusion_of_a_vertex_is_the_closed_share_of_its_own_hemisphere():
     seen = VertexVisibility(torch.stack(halves).to(torch.uint8), torch.zeros(3, 3))
     opened = ambient_occlusion(seen, torch.tensor([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]))
     assert opened.tolist() == pytest.approx([0.5, 1.0, 0.0], abs=1e-5)
+
+
+@pytest.mark.slow
+def test_a_sphere_is_open_everywhere():
+    vertices, faces = (torch.from_numpy(part) for part in sphere(3))
+    assert float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), vertices).min()) > 0.95
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("radius", "height"), [(0.3, 0.6), (0.2, 0.5), (0.4, 0.45)])
+def test_under_a_ball_a_cone_is_blocked(radius, height):
+    vertices, faces, middle = ball_over_floor(radius, height)
+    normals = torch.tensor([0.0, 0, 1]).expand(len(vertices), 3)
+    opened = float(ambient_occlusion(vertex_visibility(vertices, faces, grey(faces)), normals)[middle])
+    assert opened == pytest.approx(1 - (radius / height) ** 2, abs=0.05)  # a direction weighs up to .02
+
+
+@pytest.mark.slow
+def test_the_floor_under_a_red_ball_sees_red():
+    vertices, faces, middle = ball_over_floor(0.3, 0.4)
+    red, blue = torch.tensor([0.8, 0.1, 0.1]), torch.tensor([0.1, 0.1, 0.8])
+    ball = (faces >= 41 * 41).all(1, keepdim=True)
+    seen = vertex_visibility(vertices, faces, torch.where(ball, red, blue))
+    torch.testing.assert_close(seen.occluder_color[middle], red, atol=1e-3, rtol=0)
+    lowest = 41 * 41 + int(vertices[41 * 41 :, 2].argmin())
+    torch.testing.assert_close(seen.occluder_color[lowest], blue, atol=0.02, rtol=0)
+    torch.testing.assert_close(seen.brightened(0.5).occluder_color, 0.5 * seen.occluder_color)
+
+
+COLORS = torch.tensor([[0.9, 0.2, 0.1], [0.1, 0.3, 0.8]])
+LEVEL = 0.5  # of the sheet
+
+
+def sheet() -> tuple[torch.Tensor, torch.Tensor]:
+    """Return a sheet of two triangles over the origin, 1.4 by 1 in size and off its middle."""
+    corners = [(-0.4, -0.3), (1.0, -0.3), (1.0, 0.7), (-0.4, 0.7)]
+    return torch.tensor([(x, y, LEVEL) for x, y in corners]), torch.tensor([[0, 1, 2], [0, 2, 3]]).int()
+
+
+def before(margin: float) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return which directions (384,) from the origin hit the sheet widened by a margin, and which triangle."""
+    x, y = (LEVEL * DIRECTIONS[:, axis] / DIRECTIONS[:, 2].clamp(min=1e-6) for axis in (0, 1))
+    across = (x > -0.4 - margin) & (x < 1.0 + margin)
+    hit = (DIRECTIONS[:, 2] > 0) & across & (y > -0.3 - margin) & (y < 0.7 + margin)
+    return hit, ((y + 0.3) * 1.4 > (x + 0.4) * 1.0).long()
+
+
+@pytest.mark.parametrize("normal", [(0.0, 0.0, 1.0), (0.0, 0.6, 0.8), (0.8, 0.0, -0.6)])
+def test_a_point_sees_all_above_its_horizon_but_what_the_sheet_hides(normal):
+    """And a little below, as the horizon of a vertex is not that of the faces around it."""
+    up = torch.tensor([normal])
+    seen = point_visibility(*sheet(), COLORS, torch.zeros(1, 3), up)
+    cosine = DIRECTIONS @ up[0]
+    (surely, triangle), (maybe, _) = before(-0.05), before(0.05)
+    table = seen.unoccluded[0]
+    assert surely.sum() > 30
+    assert (table[surely | (cosine <= -0.2)] == 0).all()
+    assert (table[~maybe & (cosine > -0.2)] == 255).all()
+    assert ((cosine > -0.2) & (cosine < 0) & ~maybe).any()
+    assert ((cosine <= -0.2) & (cosine > -0.28)).any()
+    hidden = (1 - table / 255.0) * cosine.clamp(min=0) * ANGLES * maybe
+    if float(hidden.sum()) > 0.1:
+        mean = (hidden[:, None] * COLORS[triangle]).sum(0) / hidden.sum()
+        torch.testing.assert_close(seen.occluder_color[0], mean, rtol=0, atol=0.03)
+
+
+def test_directions_that_nobody_asks_for_are_open_down_to_the_horizon():
+    up, (surely, _) = torch.tensor([[0.0, 0.6, 0.8]]), before(-0.05)
+    vertices, faces = sheet()
+    asked = torch.zeros(384, dtype=torch.bool)
+    seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
+    expected = torch.where(DIRECTIONS @ up[0] > -0.2, 255, 0)
+    assert torch.equal(seen.unoccluded[0].long(), expected)
+    mean = torch.tensor([0.5, 0.25, 0.45])  # as nothing is blocked
+    torch.testing.assert_close(seen.occluder_color[0], mean)
+    asked[surely.nonzero()[:5, 0]] = True
+    seen = point_visibility(vertices, faces, COLORS, torch.zeros(1, 3), up, asked=asked)
+    assert torch.equal(seen.unoccluded[0].long(), torch.where(asked, 0, expected))

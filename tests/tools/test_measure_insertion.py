@@ -3,7 +3,7 @@ import pytest
 
 from demo_scene.models import Subject
 from insertion.stills import CASES, Case, camera_of, glb, model_of, true_decomposition
-from lightprobe.insertion import load_thing
+from lightprobe.insertion import load_virtual_object
 from measure_insertion import similarity
 
 
@@ -19,7 +19,7 @@ def test_the_place_of_the_thing_is_read_off_its_points():
 def test_objects_reach_the_product_as_they_are(tmp_path):
     model = model_of(Subject.TOY_CAR)
     (tmp_path / "car.glb").write_bytes(glb(model))
-    thing = load_thing(tmp_path / "car.glb")
+    thing = load_virtual_object(tmp_path / "car.glb")
     points = np.concatenate(
         [part.vertices[np.unique(part.faces)] for part in model.parts]
     )  # those that faces use

@@ -47,7 +47,7 @@ def kernel_row(there: Kernel, here: Kernel, device: torch.device, limits: Limits
     """Return the row of a kernel whose inputs are on the device; `here` is the same on the CPU."""
     body, plain = (
         importlib.import_module(f"lightprobe.kernels.{name}.{there.module}")
-        for name in (dispatch.body_for(device.type), "reference")
+        for name in (dispatch.backend_for(device.type), "reference")
     )
     own = importlib.import_module(f"lightprobe.kernels.numba.{there.module}")
     fast = device_seconds(lambda: there.call(body), device)

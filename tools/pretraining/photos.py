@@ -22,8 +22,7 @@ from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.models.probe_maps import RESOLUTION
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import View, face_camera, visible_surface
-from lightprobe.render.vertex_visibility import vertex_visibility
-from lightprobe.render.visibility import PointVisibility
+from lightprobe.render.visibility import PointVisibility, vertex_visibility
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import CLIPPED
 from pretraining.solids import random_solid

@@ -2,7 +2,7 @@
 
 Work is what the formula asks for, once, whatever the loops do. Additions, multiplications, divisions, minima
 and maxima count as one operation each, so a fused multiply-add as two. A pair of the stacking needs
-(`kernels.lobe_frames`)
+(`kernels.stacking.lobe_frames`)
 
     t.w + t.v, b.w + b.v, n.w      6, 6 and 5 operations
     k, s                           4 and 1

@@ -18,9 +18,12 @@ from torch import Tensor
 from lightprobe.core.device import generator
 from lightprobe.distillation.draw import Draw, beside, upright
 from lightprobe.distillation.generated_lights import generated_light
+from lightprobe.imaging import srgb_decode, srgb_encode
+from lightprobe.lessons.draw import Draw, beside, upright
+from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
-from lightprobe.light.photometry import USUAL_MEAN, srgb_decode, srgb_encode
+from lightprobe.light.photometry import USUAL_MEAN
 from lightprobe.light.resize import rotate_light
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import furnace, shade

@@ -1,6 +1,4 @@
-"""A `Decomposition` in, files other programs read out: GLB, textures and environment maps in the user's own
-frame.
-"""
+"""A `Decomposition` in, files for other programs out: meshes, textures and maps in the user's frame."""
 
 from lightprobe.export.bundle import SceneLight, export, write_mesh, write_run_outputs
 from lightprobe.export.pictures import write_picture

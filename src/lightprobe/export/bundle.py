@@ -1,18 +1,16 @@
-"""A decomposition in files other programs read: GLB, USD, textures and environment maps, all in the user's
-frame.
-"""
+"""A decomposition in files for other programs: GLB, USD, textures and environment maps, user's frame."""
 
 from dataclasses import dataclass
+from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from lightprobe.core.config.prediction import Sun
-from lightprobe.core.files import named_file
+from lightprobe.core.files import named_file, write_bytes
 from lightprobe.core.run import RunFolder
-from lightprobe.export.glb import GltfPictures, write_glb
+from lightprobe.export.glb import DirectionalLight, GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
-from lightprobe.export.lamps import DirectionalLight
 from lightprobe.export.light_file import write_sources
 from lightprobe.export.pictures import NAMES, write_pictures
 from lightprobe.export.usd import check_usd, write_usd
@@ -24,10 +22,12 @@ from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 
+ADDON = "lightprobe_import.py"  # for Blender
+
 
 @dataclass(frozen=True)
 class SceneLight:
-    """A light that the object is exported under: a map, the lamps that are not in it, and those that are."""
+    """A light that the object is exported under: a map, with lamps that are left out of it, or inside it."""
 
     image: np.ndarray  # (H, 2H, 3) float32 >= 0, equirectangular
     lamps: tuple[LightSource, ...]
@@ -35,8 +35,7 @@ class SceneLight:
 
 
 def write_mesh(asset: Asset, similarity: Similarity, glb: Path) -> tuple[GltfMesh, GltfPictures]:
-    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png beside it; return its
-    parts.
+    """Write the textured mesh as a GLB file with base_color.png, orm.png and normal.png; return its parts.
 
     Positions are in the user's frame and units, turned to glTF's y-up axes.
     """
@@ -71,9 +70,8 @@ def export(
     """
     if usd:
         check_usd()
-    maps = {
-        named_file(folder / "env", name, suffix): name for name in environments for suffix in (".exr", ".hdr")
-    }
+    env, suffixes = folder / "env", (".exr", ".hdr")
+    maps = {named_file(env, name, suffix): name for name in environments for suffix in suffixes}
     mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
     written = [folder / name for name in ("mesh.glb", *(f"{name}.png" for name in NAMES))]
     for path, photo in maps.items():
@@ -85,11 +83,15 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
-        write_sources(
-            folder / "light.exr", len(image), light.lamps or light.inside, sun, copies=["light.hdr"]
-        )
+        write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, ["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
     if usd:
         written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
     return written
+
+
+def write_addon(folder: Path) -> Path:
+    """Write the add-on for Blender into `folder`, from where Blender installs it, and return its path."""
+    write_bytes(folder / ADDON, (resources.files("lightprobe") / "assets" / "blender" / ADDON).read_bytes())
+    return folder / ADDON

@@ -1,11 +1,11 @@
-"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual) where there
-are some.
+"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual).
 
 Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four
 bytes; every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
 """
 
 import json
+import math
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.files import write_bytes
-from lightprobe.export.gltf_mesh import GltfMesh
-from lightprobe.export.lamps import DirectionalLight
+from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
+from lightprobe.light.sources import LightSource
 
 _FLOAT, _UINT = 5126, 5125  # component types of glTF 2.0
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views
@@ -31,6 +31,36 @@ class GltfPictures:
     base_color: bytes  # sRGB
     orm: bytes  # linear; R ambient occlusion, G roughness, B metallic
     normal: bytes  # linear; tangent space, green towards the top of the picture
+
+
+@dataclass(frozen=True)
+class DirectionalLight:
+    """A sun or lamp as other programs' directional light, in a y-up frame.
+
+    glTF's directional light shines along its node's -z (KHR_lights_punctual), USD's distant light along its own -z:
+    the node's +z points to the source.
+    """
+
+    direction: np.ndarray  # (3,) unit, towards the source
+    color: tuple[float, float, float]  # linear RGB, its largest value 1
+    intensity: float  # irradiance of a surface that faces it; glTF's lux where a unit of the map is a cd/m^2
+    angle: float  # degrees across its disc
+
+    @staticmethod
+    def of(source: LightSource) -> "DirectionalLight":
+        """Return a source turned y-up; a black one is white with no intensity."""
+        intensity = max(source.irradiance)
+        r, g, b = (value / intensity if intensity > 0 else 1.0 for value in source.irradiance)
+        angle = min(360.0, 2 * math.degrees(source.angular_radius))
+        return DirectionalLight(to_y_up(np.asarray(source.direction)), (r, g, b), intensity, angle)
+
+    def quaternion(self) -> tuple[float, float, float, float]:
+        """Return the unit quaternion (x, y, z, w) of the shortest turn from +z to the direction."""
+        x, y, z = (float(v) for v in self.direction)
+        if z < -1 + 1e-9:  # half a turn about any axis across
+            return 1.0, 0.0, 0.0, 0.0
+        w = math.sqrt((1 + z) / 2)
+        return -y / (2 * w), x / (2 * w), 0.0, w
 
 
 @dataclass
@@ -52,11 +82,9 @@ class _Binary:
     def array(self, values: np.ndarray, kind: str, *, bounds: bool = False) -> int:
         """Append float vertex attributes (N, C) and return the index of their accessor."""
         little = np.ascontiguousarray(values, "<f4")
-        entry: dict[str, Any] = {
-            "bufferView": self.view(little.tobytes(), _ARRAY_BUFFER),
-            "componentType": _FLOAT,
-        }
-        entry |= {"count": len(little), "type": kind}
+        view = self.view(little.tobytes(), _ARRAY_BUFFER)
+        entry: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "type": kind}
+        entry["count"] = len(little)
         if bounds:
             entry |= {"min": little.min(0).tolist(), "max": little.max(0).tolist()}
         self.accessors.append(entry)
@@ -65,30 +93,22 @@ class _Binary:
     def indices(self, faces: np.ndarray) -> int:
         """Append triangle corners (F, 3) and return the index of their accessor."""
         view = self.view(np.ascontiguousarray(faces, "<u4").tobytes(), _ELEMENT_ARRAY_BUFFER)
-        self.accessors.append(
-            {"bufferView": view, "componentType": _UINT, "count": faces.size, "type": "SCALAR"}
-        )
+        entry = {"bufferView": view, "componentType": _UINT, "count": faces.size, "type": "SCALAR"}
+        self.accessors.append(entry)
         return len(self.accessors) - 1
 
 
 def write_glb(
-    path: Path,
-    mesh: GltfMesh,
-    pictures: GltfPictures,
-    *,
-    name: str = "object",
-    lights: Sequence[DirectionalLight] = (),
+    path: Path, mesh: GltfMesh, pictures: GltfPictures, lights: Sequence[DirectionalLight] = ()
 ) -> None:
     """Write the object as a GLB file, atomically; raise `ResourceError` when the disk refuses."""
-    write_bytes(path, encode_glb(mesh, pictures, name=name, lights=lights))
+    write_bytes(path, encode_glb(mesh, pictures, lights=lights))
 
 
 def encode_glb(
     mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object", lights: Sequence[DirectionalLight] = ()
 ) -> bytes:
-    """Return the bytes of a GLB file with one mesh of one metallic-roughness material, and a node for each
-    light.
-    """
+    """Return the bytes of a GLB file with one mesh of one material, and a node for each light."""
     binary = _Binary()
     attributes = {
         "POSITION": binary.array(mesh.positions, "VEC3", bounds=True),
@@ -97,18 +117,24 @@ def encode_glb(
         "TEXCOORD_0": binary.array(mesh.uvs, "VEC2"),
     }
     primitive = {"attributes": attributes, "indices": binary.indices(mesh.faces), "material": 0, "mode": 4}
-    named = {"base_color": pictures.base_color, "orm": pictures.orm, "normal": pictures.normal}
     images = [
-        {"bufferView": binary.view(png), "mimeType": "image/png", "name": key} for key, png in named.items()
+        {"bufferView": binary.view(png), "mimeType": "image/png", "name": key}
+        for key, png in vars(pictures).items()
     ]
     binary.data.extend(bytes(-len(binary.data) % 4))
+    material = {
+        "name": name,
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1}},
+        "normalTexture": {"index": 2},
+        "occlusionTexture": {"index": 1},
+    }
     document = {
         "asset": {"version": "2.0", "generator": "lightprobe"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": name}],
         "meshes": [{"primitives": [primitive], "name": name}],
-        "materials": [_material(name)],
+        "materials": [material],
         "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
         "samplers": [_SAMPLER],
         "images": images,
@@ -125,8 +151,8 @@ def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -
         return document
     named = [(f"sun_{k + 1}", light) for k, light in enumerate(lights)]
     punctual = [
-        {"type": "directional", "name": name, "color": list(light.color), "intensity": light.intensity}
-        for name, light in named
+        {"type": "directional", "name": each, "color": list(light.color), "intensity": light.intensity}
+        for each, light in named
     ]
     nodes = [
         {"name": name, "rotation": list(light.quaternion()), "extensions": {_LIGHTS: {"light": k}}}
@@ -140,19 +166,9 @@ def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -
     }
 
 
-def _material(name: str) -> dict[str, Any]:
-    return {
-        "name": name,
-        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}, "metallicRoughnessTexture": {"index": 1}},
-        "normalTexture": {"index": 2},
-        "occlusionTexture": {"index": 1},
-    }
-
-
 def _container(document: dict[str, Any], binary: bytes) -> bytes:
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).encode()
     text += b" " * (-len(text) % 4)
-    chunks = (
-        struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
-    )
+    heads = struct.pack("<I4s", len(text), b"JSON"), struct.pack("<I4s", len(binary), b"BIN\0")
+    chunks = heads[0] + text + heads[1] + binary
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks

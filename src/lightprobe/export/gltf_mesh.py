@@ -1,7 +1,6 @@
 """The mesh as glTF wants it: one index per corner, y up, the user's units, tangents with handedness.
 
-Frames: normalised (z-up as the user's own) -> user, by undoing the similarity -> glTF, by (x, y, z) -> (x, z,
--y).
+Frames: normalised (z up) -> user (z up), by undoing the similarity -> glTF, by (x, y, z) -> (x, z, -y).
 """
 
 from dataclasses import dataclass
@@ -40,13 +39,10 @@ def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     tangents = uv_tangents(mesh).numpy().astype(np.float64)
     hand = np.repeat(uv_handedness(mesh).numpy()[:, None], 3, axis=1)
     faces, uv_faces = mesh.faces.numpy(), mesh.uv_faces.numpy()
-    shared = [
-        faces.ravel(),
-        uv_faces.ravel(),
-        mesh.normal_index.numpy().ravel(),
-        hand.ravel().astype(faces.dtype),
-    ]
-    (vertex, uv, bent, w), index = _unique_rows(np.stack(shared, axis=1))
+    normal_faces, w = mesh.normal_index.numpy().ravel(), hand.ravel().astype(faces.dtype)
+    shared = faces.ravel(), uv_faces.ravel(), normal_faces, w
+    unique, index = np.unique(np.stack(shared, axis=1), axis=0, return_inverse=True)
+    vertex, uv, bent, w = unique.T
     normal = _unit(normals[bent], np.array([0.0, 0.0, 1.0]))
     tangent = _orthogonal_unit(tangents[uv], normal)
     return GltfMesh(
@@ -58,11 +54,6 @@ def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     )
 
 
-def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    unique, index = np.unique(rows, axis=0, return_inverse=True)
-    return unique.T, index
-
-
 def _unit(vectors: np.ndarray, fallback: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(length > 1e-12, vectors / np.maximum(length, 1e-12), fallback)
@@ -70,9 +61,7 @@ def _unit(vectors: np.ndarray, fallback: np.ndarray) -> np.ndarray:
 
 def _orthogonal_unit(tangents: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Make tangents orthogonal to unit normals; a tangent along its normal is replaced by any orthogonal one."""
-    axis = np.eye(3)[
-        np.argmin(np.abs(normals), axis=1)
-    ]  # the axis farthest from the normal is never parallel to it
+    axis = np.eye(3)[np.argmin(np.abs(normals), axis=1)]  # the one farthest from the normal
     spare = _unit(np.cross(normals, axis), axis)
     flat = tangents - (tangents * normals).sum(1, keepdims=True) * normals
     return np.where(np.linalg.norm(flat, axis=1, keepdims=True) > 1e-4, _unit(flat, spare), spare)

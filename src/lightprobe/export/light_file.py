@@ -15,7 +15,7 @@ from lightprobe.core.files import read_json, write_json
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
-from lightprobe.light.files import FORMAT, light_file, tells_of
+from lightprobe.light.files import FORMAT, describes, light_file
 from lightprobe.light.sources import MOST, LightSource
 from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics
 from lightprobe.models.calibration import Calibration
@@ -82,16 +82,11 @@ def write_sources(
 def _map_and_sources(
     map_path: Path, rows: int, sources: Sequence[LightSource], sun: Sun, copies: Sequence[str] = ()
 ) -> dict[str, Any]:
+    size = {"width": 2 * rows, "height": rows}
     return {
         "format": FORMAT,
         "version": VERSION,
-        "map": {
-            "file": map_path.name,
-            "copies": [*copies],
-            "width": 2 * rows,
-            "height": rows,
-            "sun": sun.value,
-        },
+        "map": {"file": map_path.name, "copies": [*copies], **size, "sun": sun.value},
         "units": "linear radiance; 1 is the white of the photo; irradiance is radiance times steradian",
         "color_space": "linear, primaries of sRGB (Rec. 709), white D65",
         "axes": "right-handed, z up, those of the user's cameras; u = 0.5 - atan2(y, x) / 2 pi, v = acos(z) / pi",
@@ -101,25 +96,23 @@ def _map_and_sources(
 
 
 def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
-    """Return the sources in the JSON beside a map and whether the map has them; None where there is no such
-    file.
+    """Return the sources in the JSON beside a map and whether the map has them; None without such a file.
 
-    Nor where it is that of the other format's map of the same name.
-    Raises `InputError` for a file that is not of this format and version, or says what no source can be.
+    None also where the JSON belongs to the other format's map of the same name. Raises `InputError` for a file that
+    is not of this format and version, or says what no source can be.
     """
     path = light_file(map_path)
     if not path.is_file():
         return None
     value = read_json(path)
     if not isinstance(value, dict) or value.get("format") != FORMAT or value.get("version") != VERSION:
-        raise InputError(
-            f"{path} is no light file of version {VERSION}; remove it, and sources are found in the map."
-        )
+        words = f"{path} is no light file of version {VERSION}"
+        raise InputError(f"{words}; remove it, and sources are found in the map.")
     try:
         given = value["sources"]
         if not isinstance(given, list) or len(given) > MOST:
             raise ValueError(f"not a list of at most {MOST}")
-        if not tells_of(value["map"], map_path):
+        if not describes(value["map"], map_path):
             return None
         return tuple(LightSource.from_json(one) for one in given), Sun(value["map"]["sun"])
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
@@ -129,14 +122,13 @@ def read_sources(map_path: Path) -> tuple[tuple[LightSource, ...], Sun] | None:
 
 
 def is_calibrated(map_path: Path) -> bool | None:
-    """Return whether a predicted map has been through a calibration; None where no JSON tells of a
-    prediction.
+    """Return whether a predicted map is calibrated; None where no JSON tells of a prediction.
 
-    One that cannot be read tells nothing here; `read_sources` refuses it.
+    An unreadable JSON counts as none; `read_sources` refuses it.
     """
     try:
         value = read_json(light_file(map_path))
-        return value["calibration"] is not None if tells_of(value["map"], map_path) else None
+        return value["calibration"] is not None if describes(value["map"], map_path) else None
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
         return None
 
@@ -157,11 +149,8 @@ def _white_balance(light: Environment) -> dict[str, Any]:
     luma = float(mean @ mean.new_tensor(LUMA.tolist()))
     if luma <= 0 or float(mean.min()) <= 0:
         return {"mean_rgb": mean.tolist(), "gains_rgb": None, "temperature_kelvin": None}
-    return {
-        "mean_rgb": mean.tolist(),
-        "gains_rgb": (luma / mean).tolist(),
-        "temperature_kelvin": _temperature(mean.tolist()),
-    }
+    gains, kelvin = (luma / mean).tolist(), _temperature(mean.tolist())
+    return {"mean_rgb": mean.tolist(), "gains_rgb": gains, "temperature_kelvin": kelvin}
 
 
 def _temperature(color: list[float]) -> float | None:
@@ -174,9 +163,7 @@ def _temperature(color: list[float]) -> float | None:
 
 
 def _photometry(ev100: float | None, calibration: Calibration | None) -> dict[str, Any]:
-    """Return how many cd/m^2 a unit of radiance is; the gauge between light and albedo is in it unless
-    calibrated.
-    """
+    """Return how many cd/m^2 a unit of radiance is; includes the scale's uncertainty unless calibrated."""
     return {
         "cd_per_m2_per_unit": candela_per_unit(ev100),
         "source": None if ev100 is None else "EXIF: saturation-based, 1.2 * 2^EV100",
@@ -197,9 +184,5 @@ def _confidence(prediction: Prediction) -> dict[str, float]:
     trust = prediction.confidence
     angle = cubemap.solid_angles(trust.shape[1], trust.device)
     share = float((angle * (trust >= 0.5)).sum() / (4 * math.pi))
-    return {
-        "mean": float(cubemap.sphere_mean(trust)),
-        "least": float(trust.min()),
-        "most": float(trust.max()),
-        "share_within_factor_two": share,
-    }
+    bounds = {"least": float(trust.min()), "most": float(trust.max())}
+    return {"mean": float(cubemap.sphere_mean(trust)), **bounds, "share_within_factor_two": share}

@@ -1,6 +1,4 @@
-"""Pictures in files: renders, and the material as the three PNG files of glTF: base colour sRGB, the others
-linear.
-"""
+"""Renders in files, and the material as the three PNG files of glTF: base colour sRGB, others linear."""
 
 from pathlib import Path
 
@@ -18,14 +16,10 @@ NAMES = ("base_color", "orm", "normal")
 
 
 def write_pictures(asset: Asset, folder: Path) -> GltfPictures:
-    """Write base_color.png, orm.png (R occlusion, G roughness, B metallic) and normal.png; return their
-    bytes.
-    """
+    """Write base_color.png, orm.png (R occlusion, G roughness, B metallic), normal.png; return the bytes."""
     textures = asset.textures
-    color, roughness, metallic, normal = (
-        t.detach().cpu().numpy()
-        for t in (textures.base_color, textures.roughness, textures.metallic, textures.normal)
-    )
+    parts = textures.base_color, textures.roughness, textures.metallic, textures.normal
+    color, roughness, metallic, normal = (part.detach().cpu().numpy() for part in parts)
     orm = np.stack([_occlusion(asset), roughness, metallic], axis=-1)
     for name, picture in zip(NAMES, (color, orm, 0.5 + 0.5 * normal), strict=True):
         write_png(folder / f"{name}.png", np.clip(picture, 0, 1), srgb=name == "base_color")
@@ -42,9 +36,7 @@ def _occlusion(asset: Asset) -> np.ndarray:
 
 
 def write_picture(path: Path, image: torch.Tensor, cover: torch.Tensor) -> None:
-    """Write a premultiplied linear image (H, W, 3) with coverage (H, W): straight sRGB PNG, or premultiplied
-    EXR.
-    """
+    """Write a premultiplied linear image and coverage (H, W): straight sRGB PNG or premultiplied EXR."""
     color, alpha = image.cpu().numpy(), cover.cpu().numpy()
     if path.suffix.lower() == ".exr":
         write_exr(path, np.concatenate([color, alpha[..., None]], axis=2))

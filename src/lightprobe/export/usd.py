@@ -3,13 +3,10 @@
 The stage is y-up, in the user's units, with a mesh of one UsdPreviewSurface material, a dome light with the
 map, and a distant light for each sun or lamp.
 
-The map. A dome of format `latlong` has its pole at local +y, the middle of the picture at local +z and its
-left quarter at local +x (OpenEXR's latitude-longitude map). A map of this project has z on top, +x in the
-middle and +y at the left quarter; turned y-up by (x, y, z) -> (x, z, -y) these are +y, +x and -z. So the dome
-is turned by 90 degrees about y, which takes z to x and x to -z.
-
-Intensities. `normalize` makes a distant light's intensity the irradiance of a surface that faces it, at any
-angle.
+A dome of format `latlong` has its pole at local +y, the middle of the picture at local +z and its left quarter at
+local +x (OpenEXR's latitude-longitude map). A map of this project has z on top, +x in the middle and +y at the left
+quarter; turned y-up by (x, y, z) -> (x, z, -y) these are +y, +x and -z. So the dome is turned by 90 degrees about y,
+which takes z to x and x to -z. `normalize` makes a distant light's intensity the irradiance of a surface that faces it.
 """
 
 from collections.abc import Sequence
@@ -20,8 +17,8 @@ import numpy as np
 
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
+from lightprobe.export.glb import DirectionalLight
 from lightprobe.export.gltf_mesh import GltfMesh
-from lightprobe.export.lamps import DirectionalLight
 from lightprobe.export.pictures import NAMES
 
 _DOME_TURN = 90.0  # degrees about y
@@ -34,12 +31,7 @@ def check_usd() -> None:
 
 
 def write_usd(
-    folder: Path,
-    mesh: GltfMesh,
-    environment: Path | None,
-    lights: Sequence[DirectionalLight],
-    *,
-    name: str = "object",
+    folder: Path, mesh: GltfMesh, environment: Path | None, lights: Sequence[DirectionalLight]
 ) -> list[Path]:
     """Write scene.usdc and scene.usdz into `folder`; return both.
 
@@ -55,8 +47,8 @@ def write_usd(
     root = geometry.Xform.Define(stage, "/scene")
     stage.SetDefaultPrim(root.GetPrim())
     stage.GetRootLayer().documentation = "Made by lightprobe"
-    _define_mesh(stage, mesh, f"/scene/{name}")
-    _define_material(stage, f"/scene/{name}")
+    _define_mesh(stage, mesh, "/scene/object")
+    _define_material(stage, "/scene/object")
     if environment is not None:
         _define_dome(stage, environment.name)
     for k, light in enumerate(lights):
@@ -67,9 +59,8 @@ def write_usd(
     except _pxr("Tf").ErrorException:
         written = False
     if not written:
-        raise ResourceError(
-            f"USD could not write {stage_file} and {package.name}; is there room on the disk?"
-        )
+        words = f"USD could not write {stage_file} and {package.name}"
+        raise ResourceError(f"{words}; is there room on the disk?")
     return [stage_file, package]
 
 
@@ -85,9 +76,8 @@ def _define_mesh(stage: Any, mesh: GltfMesh, path: str) -> None:
     low, high = (gf.Vec3f(*map(float, edge)) for edge in (mesh.positions.min(0), mesh.positions.max(0)))
     prim.CreateExtentAttr(vt.Vec3fArray([low, high]))
     uv = np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], 1)  # USD's v points up
-    coordinates = geometry.PrimvarsAPI(prim).CreatePrimvar(
-        "st", sdf.ValueTypeNames.TexCoord2fArray, geometry.Tokens.vertex
-    )
+    kind = sdf.ValueTypeNames.TexCoord2fArray
+    coordinates = geometry.PrimvarsAPI(prim).CreatePrimvar("st", kind, geometry.Tokens.vertex)
     coordinates.Set(vt.Vec2fArray.FromNumpy(np.ascontiguousarray(uv, np.float32)))
 
 

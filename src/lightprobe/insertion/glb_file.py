@@ -1,8 +1,7 @@
-"""The container of a stranger's GLB file: its JSON document, and arrays and pictures out of its one binary
-chunk.
+"""The container of a stranger's GLB file: its JSON document, and arrays and pictures of its one binary chunk.
 
-glTF 2.0, sections 3.6 and 4.4. Nothing outside of the file is read, and what it announces is checked against
-what it holds before memory is taken for it.
+glTF 2.0, sections 3.6 and 4.4. Nothing outside of the file is read, and announced sizes are checked against
+the file's before memory is taken for them.
 """
 
 import contextlib
@@ -24,16 +23,7 @@ _LARGEST_JSON = 2**26  # bytes
 _HEADER, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
 _COMPONENTS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
 _TYPES = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
-_DAMAGE = (
-    KeyError,
-    TypeError,
-    ValueError,
-    IndexError,
-    AttributeError,
-    OverflowError,
-    RecursionError,
-    struct.error,
-)
+_DAMAGE = (LookupError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error)
 
 
 @contextlib.contextmanager
@@ -43,8 +33,9 @@ def sound(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         detail = shown(str(error)).rstrip(".") or type(error).__name__
+        kind = type(error).__name__
         raise InputError(
-            f"{path} is no sound GLB file ({type(error).__name__}: {detail}); export it again from a 3D program."
+            f"{path} is no sound GLB file ({kind}: {detail}); export it again from a 3D program."
         ) from error
 
 
@@ -58,18 +49,19 @@ class GlbFile:
 
     @staticmethod
     def read(path: Path) -> "GlbFile":
-        """Read a file; raise `InputError` when it is missing, too large, no binary glTF 2.0, or refers to
-        others.
-        """
+        """Read a file; raise `InputError` when it is missing, too large, no GLB, or refers to other files."""
         check_file(path, LARGEST_FILE)
         try:
             data = path.read_bytes()
         except OSError as error:
             raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
         with sound(path):
-            document, binary = _chunks(path, data)
-            found = GlbFile(path, document, binary)
-            found._refuse_external()
+            found = GlbFile(path, *_chunks(path, data))
+            buffers, images = found.entries("buffers"), found.entries("images")
+            if len(buffers) > 1 or any("uri" in entry for entry in (*buffers, *images)):
+                raise InputError(
+                    f"{path} refers to other files, which are not read; export it as one GLB with its textures inside."
+                )
         return found
 
     def entries(self, key: str) -> list[Any]:
@@ -80,9 +72,7 @@ class GlbFile:
         return value
 
     def entry(self, key: str, index: object) -> dict[str, Any]:
-        """Return an entry of such a list; raise `ValueError` for an index that is none, or for what is no
-        object.
-        """
+        """Return an entry of a list; raise `ValueError` for a wrong index, or an entry that is no object."""
         values = self.entries(key)  # checked one by one: all of them at each look-up would take minutes
         if isinstance(index, bool) or not isinstance(index, int) or not 0 <= index < len(values):
             raise ValueError(f"{key}[{shown(index)}] does not exist")
@@ -92,16 +82,12 @@ class GlbFile:
 
     def count(self, accessor: object) -> int:
         """Return how many elements an accessor announces."""
-        value = self.entry("accessors", accessor)["count"]
-        if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-            raise ValueError(f"an accessor has {shown(value)} elements")
-        return value
+        return _whole(self.entry("accessors", accessor)["count"])
 
     def array(self, accessor: object, kinds: tuple[str, ...]) -> np.ndarray:
         """Return an accessor's elements (N, C): float32, or the integers of a scalar one (N, 1).
 
-        kinds: types that are allowed. Raises `ValueError` for what does not lie within the file, `InputError`
-        for NaN.
+        kinds: types that are allowed. Raises `ValueError` for elements beyond the file, `InputError` for NaN.
         """
         entry = self.entry("accessors", accessor)
         if entry["type"] not in kinds or "sparse" in entry:
@@ -109,12 +95,11 @@ class GlbFile:
         count, width = self.count(accessor), _COMPONENTS[entry["type"]]
         dtype = np.dtype(_TYPES[entry["componentType"]])
         view = self._view(entry["bufferView"])
-        stride = _whole(
-            self.entry("bufferViews", entry["bufferView"]).get("byteStride", width * dtype.itemsize)
-        )
+        element = width * dtype.itemsize
+        stride = _whole(self.entry("bufferViews", entry["bufferView"]).get("byteStride", element))
         start = _whole(entry.get("byteOffset", 0))
-        used = start + (stride * (count - 1) + width * dtype.itemsize if count else 0)
-        if stride < width * dtype.itemsize or used > len(view):
+        used = start + (stride * (count - 1) + element if count else 0)
+        if stride < element or used > len(view):
             raise ValueError("an accessor reaches beyond its buffer view")
         found = np.ndarray((count, width), dtype, view, start, (stride, dtype.itemsize))
         if kinds == ("SCALAR",):
@@ -139,17 +124,10 @@ class GlbFile:
             raise ValueError("a buffer view reaches beyond the file's binary chunk")
         return memoryview(self.binary)[start : start + length]
 
-    def _refuse_external(self) -> None:
-        buffers, images = self.entries("buffers"), self.entries("images")
-        if len(buffers) > 1 or any("uri" in entry for entry in (*buffers, *images)):
-            raise InputError(
-                f"{self.path} refers to other files, which are not read; export it as one GLB with its textures inside."
-            )
-
 
 def _chunks(path: Path, data: bytes) -> tuple[dict[str, Any], bytes]:
     if data[:4] != b"glTF":
-        raise InputError(f"{path} is not a GLB file (binary glTF 2.0); export the thing as .glb.")
+        raise InputError(f"{path} is not a GLB file (binary glTF 2.0); export the object as .glb.")
     _, version, length = _HEADER.unpack_from(data)
     if version != 2 or length > len(data):
         raise ValueError(f"version {version}, {length} bytes of which {len(data)} are there")
@@ -169,9 +147,9 @@ def _chunks(path: Path, data: bytes) -> tuple[dict[str, Any], bytes]:
 
 
 def _whole(value: object) -> int:
-    """Return a number of bytes; raise `ValueError` when it is none."""
+    """Return a number of bytes or elements; raise `ValueError` when it is none."""
     if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= LARGEST_FILE:
-        raise ValueError(f"{shown(value)} is no number of bytes")
+        raise ValueError(f"{shown(value)} is no number of bytes or elements")
     return value
 
 

@@ -1,9 +1,9 @@
 """The grain of a photo: how strong its noise is at each brightness, and new noise like it.
 
-Immerkaer (Fast noise variance estimation, 1996): the kernel (1 -2 1; -2 4 -2; 1 -2 1) leaves nothing of flat
-and sloped parts of a picture and six times the deviation of white noise. The median of its responses within a
-block of 8 x 8 pixels is the block's noise, and of the blocks of one brightness those with the least count:
-the others show texture. All of displayed values, where grain is about as strong in the dark as in the light.
+Immerkaer (Fast noise variance estimation, 1996): the kernel (1 -2 1; -2 4 -2; 1 -2 1) leaves nothing of flat and
+sloped parts of a picture and six times the deviation of white noise. The median of its responses within a block of
+8 x 8 pixels is the block's noise. Of the blocks of one brightness the calmest count, as others show texture. Values
+are displayed ones, in which grain is about as strong in the dark as in the light.
 """
 
 from dataclasses import dataclass
@@ -29,18 +29,17 @@ class Grain:
     deviation: np.ndarray  # (L, 3)
 
     @staticmethod
-    def of(shown: np.ndarray, counted: np.ndarray) -> "Grain":
+    def of(displayed: np.ndarray, counted: np.ndarray) -> "Grain":
         """Return the grain of a displayed photo (H, W, 3) in [0, 1], at the pixels `counted` (H, W) bool."""
         levels = np.linspace(0, 1, _LEVELS)
         deviation = np.zeros((_LEVELS, 3))
         used = _blocks(scipy.ndimage.binary_erosion(counted)).all(-1)
         for channel in range(3):
-            plane = np.asarray(shown[..., channel], np.float64)
+            plane = np.asarray(displayed[..., channel], np.float64)
             own = _blocks(plane)
             free = used & (own.max(-1) < _CLIPPED) & (own.min(-1) > 1 - _CLIPPED)
-            noise = np.median(np.abs(_blocks(scipy.ndimage.convolve(plane, _KERNEL, mode="nearest"))), -1)[
-                free
-            ]
+            response = np.abs(_blocks(scipy.ndimage.convolve(plane, _KERNEL, mode="nearest")))
+            noise = np.median(response, -1)[free]
             level = np.rint(own.mean(-1)[free] * (_LEVELS - 1)).astype(int)
             known = [k for k in range(_LEVELS) if (level == k).sum() >= _LEAST]
             if known:
@@ -48,14 +47,15 @@ class Grain:
                 deviation[:, channel] = np.interp(levels, levels[known], calm)
         return Grain(deviation.clip(0, _LARGEST))
 
-    def add(self, shown: np.ndarray, weight: np.ndarray, seed: int) -> np.ndarray:
-        """Return a displayed picture (H, W, 3) with noise of this strength times `weight` (H, W);
-        reproducible.
+    def add(self, displayed: np.ndarray, weight: np.ndarray, seed: int) -> np.ndarray:
+        """Return a displayed picture (H, W, 3) with reproducible noise of this strength times `weight` (H,
+        W).
         """
-        noise = np.random.default_rng(seed).standard_normal(shown.shape)
+        noise = np.random.default_rng(seed).standard_normal(displayed.shape)
         levels = np.linspace(0, 1, len(self.deviation))
-        strength = np.stack([np.interp(shown[..., k], levels, self.deviation[:, k]) for k in range(3)], -1)
-        return shown + noise * strength * weight[..., None]
+        known = [np.interp(displayed[..., k], levels, self.deviation[:, k]) for k in range(3)]
+        strength = np.stack(known, -1)
+        return displayed + noise * strength * weight[..., None]
 
 
 def _blocks(plane: np.ndarray) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""What the thing and the known object see of the sky past themselves and each other, and of the ground's
+"""What the virtual and the known object see of the sky past themselves and each other, and of the ground's
 light.
 
-Visibility lives on points of the surface (`render.visibility`). A finely triangulated thing has them at its
-vertices, of many close vertices only some; a large triangle gets a grid of its own.
+Visibility is known at points of the surface (`render.visibility`): at vertices, of many close ones only at
+some, and at a grid of points on each large triangle.
 
 The ground fills the directions below the horizon. Where shadows fall on it, it gives less: a direction below
-the horizon counts as open to the share of the ground's light that there is where it meets the ground.
+the horizon counts as open to the share of light that the ground has where the direction meets it.
 """
 
 from dataclasses import dataclass, replace
@@ -16,25 +16,22 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import decimate
-from lightprobe.insertion.ground_light import GroundLight
-from lightprobe.insertion.thing import Thing
+from lightprobe.insertion.virtual_object import VirtualObject
 from lightprobe.light import cubemap
-from lightprobe.light.photometry import luma
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.depth_maps import frames
-from lightprobe.render.vertex_visibility import point_visibility
-from lightprobe.render.visibility import VertexVisibility, ambient_occlusion
+from lightprobe.render.visibility import VertexVisibility, ambient_occlusion, point_visibility
 
 _POINTS = 40_000  # of visibility, about; more are thinned out
 _CASTER_FACES = 20_000  # of a mesh that casts shadows; finer ones are simplified
 _SIDE = 384  # pixels of a depth map
-_EDGE = 0.06  # of the thing's extent, from which triangles get a grid of their own
+_EDGE = 0.06  # of the virtual object's extent, from which triangles get a grid of their own
 _FINEST = 24  # grid cells along the edge of a triangle
 
 
 @dataclass(frozen=True)
 class SurfacePoints:
-    """Where a thing's visibility is known, and how any point of its surface is interpolated between them."""
+    """Where a virtual object's visibility is known, and how to interpolate between these points."""
 
     points: Tensor  # (N, 3)
     normals: Tensor  # (N, 3)
@@ -44,32 +41,31 @@ class SurfacePoints:
     faces: Tensor  # (F, 3)
 
     @staticmethod
-    def of(thing: Thing) -> "SurfacePoints":
-        """Return the points of a placed thing, on its device."""
-        corners, normals = (values[thing.faces.long()] for values in (thing.vertices, thing.normals))
-        extent = float((thing.vertices.amax(0) - thing.vertices.amin(0)).norm())
+    def of(virtual: VirtualObject) -> "SurfacePoints":
+        """Return the points of a placed virtual object, on its device."""
+        corners, normals = (values[virtual.faces.long()] for values in (virtual.vertices, virtual.normals))
+        extent = float((virtual.vertices.amax(0) - virtual.vertices.amin(0)).norm())
         longest = (corners - corners.roll(1, 1)).norm(dim=2).amax(1)
         cells = torch.ceil(longest / (_EDGE * extent)).long().clamp(1, _FINEST)
-        vertex, kept = _thinned(thing, extent)
+        vertex, kept = _thinned(virtual, extent)
         count = torch.where(cells > 1, (cells + 1) * (cells + 2) // 2, 0)
         first = len(kept) + torch.cumsum(count, 0) - count
-        points, bent = [thing.vertices[kept]], [thing.normals[kept]]
+        points, bent = [virtual.vertices[kept]], [virtual.normals[kept]]
+        places = [torch.arange(len(kept), device=first.device)]
         for n in torch.unique(cells[cells > 1]).tolist():
             own = (cells == n).nonzero()[:, 0]
             weights = _grid(n).to(corners)
             points.append(torch.einsum("gc,fcx->fgx", weights, corners[own]).reshape(-1, 3))
             bent.append(torch.einsum("gc,fcx->fgx", weights, normals[own]).reshape(-1, 3))
-        order = torch.cat([torch.arange(len(kept), device=first.device), *_places(cells, first)])
-        gathered = [
-            torch.empty_like(torch.cat(v)).index_copy_(0, order, torch.cat(v)) for v in (points, bent)
-        ]
-        unit = torch.nn.functional.normalize(gathered[1], dim=1, eps=1e-12)
-        return SurfacePoints(gathered[0], unit, vertex, cells, first, thing.faces.long())
+            places.append((first[own][:, None] + torch.arange(len(weights), device=first.device)).reshape(-1))
+        order, every, leaning = (torch.cat(parts) for parts in (places, points, bent))
+        unit = torch.empty_like(leaning).index_copy_(0, order, leaning)
+        unit = torch.nn.functional.normalize(unit, dim=1, eps=1e-12)
+        every = torch.empty_like(every).index_copy_(0, order, every)
+        return SurfacePoints(every, unit, vertex, cells, first, virtual.faces.long())
 
     def taps(self, face: Tensor, barycentric: Tensor) -> tuple[Tensor, Tensor]:
-        """Return points (P, 3) int64 and weights (P, 3) of surface points by face (P,) and coordinates (P,
-        3).
-        """
+        """Return points (P, 3) int64 and weights (P, 3) at faces (P,) and barycentric coordinates (P, 3)."""
         n, start = self.cells[face], self.first[face]
         x, y = (barycentric[:, 1:] * n[:, None]).clamp(min=0).unbind(1)
         i = torch.minimum(x.floor().long(), n - 1)
@@ -87,43 +83,30 @@ class SurfacePoints:
         index, weight = torch.where(upper[:, None], high, low), torch.where(upper[:, None], outer, inner)
         weight = weight / weight.sum(1, keepdim=True).clamp(min=1e-9)
         single = (n == 1)[:, None]
-        return (
-            torch.where(single, self.vertex[self.faces[face]], index),
-            torch.where(single, barycentric, weight),
-        )
+        index = torch.where(single, self.vertex[self.faces[face]], index)
+        return index, torch.where(single, barycentric, weight)
 
 
 def _grid(n: int) -> Tensor:
-    """Return the barycentric coordinates of the grid points of a triangle with n cells along its edges, (G,
-    3).
-    """
+    """Return the barycentric coordinates (G, 3) of a triangle's grid points, n cells along its edges."""
     pairs = [(i, j) for i in range(n + 1) for j in range(n + 1 - i)]
     i, j = torch.tensor(pairs, dtype=torch.float32).T / n
     return torch.stack([1 - i - j, i, j], 1)
 
 
-def _places(cells: Tensor, first: Tensor) -> list[Tensor]:
-    """Return where the grid points of the faces lie among all points, in the order in which they are made."""
-    places = []
-    for n in torch.unique(cells[cells > 1]).tolist():
-        count = (n + 1) * (n + 2) // 2
-        places.append((first[cells == n][:, None] + torch.arange(count, device=first.device)).reshape(-1))
-    return places
-
-
-def _thinned(thing: Thing, extent: float) -> tuple[Tensor, Tensor]:
+def _thinned(virtual: VirtualObject, extent: float) -> tuple[Tensor, Tensor]:
     """Return for each vertex the kept one that stands for it (V,), and which are kept (N,).
 
     Vertices of one small cube of space whose normals look into one octant are one.
     """
-    count = len(thing.vertices)
+    count = len(virtual.vertices)
     if count <= _POINTS:
-        every = torch.arange(count, device=thing.vertices.device)
+        every = torch.arange(count, device=virtual.vertices.device)
         return every, every
     cell = extent / np.sqrt(_POINTS)  # surfaces fill about as many cells as their area asks for
-    low = thing.vertices.amin(0)
-    key = ((thing.vertices - low) / cell).long()
-    octant = ((thing.normals > 0).long() * torch.tensor([1, 2, 4], device=key.device)).sum(1)
+    low = virtual.vertices.amin(0)
+    key = ((virtual.vertices - low) / cell).long()
+    octant = ((virtual.normals > 0).long() * torch.tensor([1, 2, 4], device=key.device)).sum(1)
     side = int(key.max()) + 1
     flat = ((key[:, 0] * side + key[:, 1]) * side + key[:, 2]) * 8 + octant
     _, inverse = torch.unique(flat, return_inverse=True)
@@ -133,10 +116,10 @@ def _thinned(thing: Thing, extent: float) -> tuple[Tensor, Tensor]:
 
 
 def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return a mesh (V, 3), (F, 3) with face colours (F, 3) as one that casts shadows: of at most 20 000
-    faces or so.
+    """Return a mesh (V, 3), (F, 3) with face colours (F, 3) for casting shadows: of at most about 20 000
+    faces.
 
-    Vertices at one point are one, so that a solid is closed and only the faces that look at a light need be
+    Vertices at one point are joined: a solid is then closed, and only its faces towards a light need be
     drawn.
     """
     points, index = np.unique(vertices.cpu().numpy() + 0.0, axis=0, return_inverse=True)
@@ -147,18 +130,15 @@ def simplified(vertices: Tensor, faces: Tensor, colors: Tensor) -> tuple[Tensor,
     v, f = decimate(points, welded, _CASTER_FACES)
     middles = vertices[faces.long()].mean(1).cpu().numpy()
     nearest = scipy.spatial.cKDTree(middles).query(v[f].mean(1))[1]
-    return (
-        torch.from_numpy(v).to(device),
-        torch.from_numpy(f).to(device),
-        colors[torch.from_numpy(nearest).to(device)],
-    )
+    chosen = colors[torch.from_numpy(nearest).to(device)]
+    return torch.from_numpy(v).to(device), torch.from_numpy(f).to(device), chosen
 
 
 def past(
     vertices: Tensor, faces: Tensor, colors: Tensor, points: Tensor, normals: Tensor
 ) -> VertexVisibility:
-    """Return what points (N, 3) with normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever
-    it is.
+    """Return what points (N, 3), normals (N, 3) see past a mesh (V, 3), (F, 3), colours (F, 3), wherever it
+    is.
     """
     middle = (vertices.amin(0) + vertices.amax(0)) / 2
     asked = _can_block(vertices, points)
@@ -168,8 +148,8 @@ def past(
 def _can_block(vertices: Tensor, points: Tensor) -> Tensor:
     """Return in which directions (384,) bool a mesh (V, 3) can be in the way of points (N, 3).
 
-    Seen along a direction their bounding rectangles overlap, and the mesh is not all behind; where a
-    horizontal line between the two keeps them apart, the direction leads to the mesh's side.
+    Along such a direction their bounding rectangles overlap, and the mesh is not all behind; where a
+    horizontal line separates mesh and points, the direction leads to the mesh's side.
     """
     directions = cubemap.directions(BLOCKS, points.device).reshape(-1, 3)
     axes = frames(directions).reshape(-1, 3)
@@ -194,22 +174,12 @@ def both(one: VertexVisibility, other: VertexVisibility, normals: Tensor) -> Ver
 
 @dataclass(frozen=True)
 class GroundPlan:
-    """A square of ground around both objects, and the share of its open light that its points have."""
+    """A square of ground around both objects, and the share of the open ground's light at its points."""
 
     corner: Tensor  # (2,)
     cell: float
     height: float  # of the ground
     share: Tensor  # (S, S) at most 1
-
-    @staticmethod
-    def of(
-        light: GroundLight, total: Tensor, corner: Tensor, cell: float, height: float, *, thing: bool
-    ) -> "GroundPlan":
-        """Return the plan of `plan_ground_light`, with or without the thing; total (3,): of ground in the
-        open.
-        """
-        irradiance = light.without + light.added if thing else light.without
-        return GroundPlan(corner, cell, height, (luma(irradiance) / luma(total).clamp(min=1e-12)).clamp(0, 1))
 
     def at(self, points: Tensor) -> Tensor:
         """Return the share (...,) at ground points (..., 2); 1 outside of the square."""
@@ -223,10 +193,10 @@ class GroundPlan:
 def over_ground(
     visibility: VertexVisibility, points: Tensor, normals: Tensor, plan: GroundPlan
 ) -> VertexVisibility:
-    """Return the visibility of points (N, 3) whose directions below the horizon are as bright as the ground
-    there.
+    """Return the visibility of points (N, 3), normals (N, 3) with the shadows on the ground below the
+    horizon.
 
-    normals (N, 3). What the shadows on the ground take is not given back as light off other surfaces.
+    The light that these shadows take is not given back as light off other surfaces.
     """
     directions = cubemap.directions(BLOCKS, points.device).reshape(-1, 3)
     below = (directions[:, 2] < 0).nonzero()[:, 0]

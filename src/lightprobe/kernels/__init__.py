@@ -1,6 +1,4 @@
-"""The few hot loops. Tensors in, tensors out; each op has a plain reference and a fast body under one
-signature.
-"""
+"""The hot loops: tensors in, tensors out; each op has a plain reference and fast backends of one signature."""
 
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.kernels.culled_stacking import stack_probes_culled
@@ -8,9 +6,8 @@ from lightprobe.kernels.gather import gather_rows, scatter_rows, values_at, weig
 from lightprobe.kernels.hash_grid import hash_encode
 from lightprobe.kernels.lobe_rows import lobe_rows
 from lightprobe.kernels.occlusion import occluded_light, occluded_light_adjoint
-from lightprobe.kernels.permuted_rows import permute_rows
 from lightprobe.kernels.rasterize import Visibility, rasterize
-from lightprobe.kernels.sparse import CompressedRows, sparse_product, sparse_product_transposed
+from lightprobe.kernels.sparse import CompressedRows, permute_rows, sparse_product, sparse_product_transposed
 from lightprobe.kernels.stacking import probe_weight, stack_probes
 from lightprobe.kernels.voxels import cast_voxels, vote_on_voxels
 

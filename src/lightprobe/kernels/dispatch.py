@@ -1,8 +1,8 @@
-"""Choice of the body that serves an op, by device and dtype: Numba, Triton, or the plain reference.
+"""Choice of the backend that serves an op, by device and dtype: Numba, Triton, or the plain PyTorch reference.
 
-A body is a module with the op's forward and backward functions, `kernels/<body>/<op>.py`, loaded when first
-needed: so Triton is missed only where it would be used, and there the reference takes its place, as it does
-for an op that has no body for the device.
+A backend is a package of modules, `kernels/<backend>/<op>.py`, with each op's forward and backward functions. A
+module is imported when it is first needed, so Triton is missed only where it would be used; there the reference
+takes its place, as it does for an op that the device's backend lacks.
 """
 
 import functools
@@ -18,8 +18,8 @@ from torch import Tensor
 from lightprobe.core.errors import LightprobeWarning
 
 
-class Body(StrEnum):
-    """The packages of bodies."""
+class Backend(StrEnum):
+    """The implementations of the kernels, named as their packages."""
 
     NUMBA = "numba"
     TRITON = "triton"
@@ -27,35 +27,38 @@ class Body(StrEnum):
 
 
 def choose(op: str, *tensors: Tensor) -> ModuleType:
-    """Return the module that serves `op` (a module name under each body's package) for these tensors of any
-    shape.
+    """Return the module that serves `op` (a module name within each backend) for tensors of any shape.
 
-    An op of NumPy arrays, which live on the CPU, gives none. Raises ValueError when devices or floating
-    dtypes are mixed, because the op would then mean two things.
+    Raises ValueError when devices or floating dtypes are mixed: the op would then be ambiguous.
     """
     devices = {tensor.device for tensor in tensors}
     dtypes = {tensor.dtype for tensor in tensors if tensor.is_floating_point()}
     if len(devices) > 1 or len(dtypes) > 1:
         raise ValueError(
-            f"All tensors of one op must share a device and a floating dtype, not {devices} and {dtypes}."
+            f"Tensors of one op must share a device and a floating dtype, not {devices}, {dtypes}."
         )
-    device = devices.pop().type if devices else "cpu"
-    return _module(body_for(device) if dtypes <= {torch.float32} else Body.REFERENCE, op)
+    return _module(backend_for(devices.pop().type) if dtypes <= {torch.float32} else Backend.REFERENCE, op)
+
+
+def compiled_loops(op: str, work: int) -> ModuleType:
+    """Return Numba's loops of an op of NumPy arrays, with threads for `work` steps of about a nanosecond."""
+    importlib.import_module("lightprobe.core.jit").threads(work)  # imported late: Numba takes a while
+    return _module(Backend.NUMBA, op)
 
 
 @functools.cache
-def _module(body: Body, op: str) -> ModuleType:
-    name = f"{__package__}.{body}.{op}"
+def _module(backend: Backend, op: str) -> ModuleType:
+    name = f"{__package__}.{backend}.{op}"
     if importlib.util.find_spec(name) is None:
-        name = f"{__package__}.{Body.REFERENCE}.{op}"
+        name = f"{__package__}.{Backend.REFERENCE}.{op}"
     return importlib.import_module(name)
 
 
-def body_for(device: str) -> Body:
-    """Return the fastest body for float32 tensors on a type of device."""
+def backend_for(device: str) -> Backend:
+    """Return the fastest backend for float32 tensors on a type of device."""
     if device == "cpu":
-        return Body.NUMBA
-    return Body.TRITON if device == "cuda" and _has_triton() else Body.REFERENCE
+        return Backend.NUMBA
+    return Backend.TRITON if device == "cuda" and _has_triton() else Backend.REFERENCE
 
 
 @functools.cache
@@ -71,10 +74,9 @@ def _has_triton() -> bool:
 
 
 def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
-    """Raise ValueError unless `tensor`, which may come in any shape, has this one; None stands for any size."""
-    matches = tensor.ndim == len(shape) and all(
-        want in (None, size) for want, size in zip(shape, tensor.shape, strict=True)
-    )
+    """Raise ValueError unless `tensor` has this shape; None stands for any size."""
+    sizes = zip(shape, tensor.shape, strict=False)
+    matches = tensor.ndim == len(shape) and all(want in (None, size) for want, size in sizes)
     if not matches:
         wanted = tuple("any" if size is None else size for size in shape)
         raise ValueError(f"{name} must have shape {wanted}, not {tuple(tensor.shape)}.")
@@ -83,8 +85,7 @@ def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
 def require_index(name: str, index: Tensor, size: int) -> None:
     """Raise ValueError unless `index` is integer; raise IndexError unless its values lie in [0, size).
 
-    Values are looked at on the CPU only: compiled loops do not check them, and elsewhere a look would stall
-    the device.
+    Values are checked on the CPU only, where compiled loops would read beyond the array; a GPU would stall.
     """
     if index.dtype not in (torch.int32, torch.int64):
         raise ValueError(f"{name} must be int32 or int64, not {index.dtype}.")

@@ -47,10 +47,10 @@ class _HashEncode(torch.autograd.Function):
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, Tensor | None, None]:
         points, table = ctx.saved_tensors
-        body = dispatch.choose("hash_grid", points, grad)
+        backend = dispatch.choose("hash_grid", points, grad)
         to_points, to_table = ctx.needs_input_grad[:2]
         return (
-            body.encode_backward_to_points(grad, points, table, ctx.cells) if to_points else None,
-            body.encode_backward(grad, points, ctx.cells, table.shape) if to_table else None,
+            backend.encode_backward_to_points(grad, points, table, ctx.cells) if to_points else None,
+            backend.encode_backward(grad, points, ctx.cells, table.shape) if to_table else None,
             None,
         )

@@ -16,6 +16,7 @@ import numpy as np
 from lightprobe.kernels import dispatch
 
 ROOT = 2  # squares along a face edge at the top of the pyramid
+STEPS_PER_ROW = 10_000  # nanoseconds or so
 
 
 def lobe_rows(
@@ -27,4 +28,12 @@ def lobe_rows(
     lobe's integral over the sphere, in which `tolerance` is counted; resolution R, a power of two from 2. A
     node is named once in a row, and nodes are not sorted. NumPy arrays on the CPU; not differentiable.
     """
-    return dispatch.choose("lobe_rows").refine(directions, frames, alpha, total, resolution, tolerance)
+    loops = dispatch.compiled_loops("lobe_rows", STEPS_PER_ROW * len(directions))
+    lobe = (alpha, total, resolution, tolerance)
+    counts = np.zeros(len(directions), np.int64)
+    nothing = np.zeros(0, np.int32), np.zeros(0)
+    loops.refine(directions, frames, lobe, np.zeros_like(counts), counts, *nothing, False)  # counts entries
+    start = np.concatenate([[0], np.cumsum(counts)])
+    index, weight = np.empty(start[-1], np.int32), np.empty(start[-1])
+    loops.refine(directions, frames, lobe, start[:-1], counts, index, weight, True)
+    return start, index, weight

@@ -26,8 +26,7 @@ def occluded_light(
     directions: Tensor,
     angles: Tensor,
 ) -> Tensor:
-    """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light` and
-    `normals`.
+    """Return (P, 7): diffuse 3, ambient 3 and open, for each pixel; differentiable once, in `light`, `normals`.
 
     light (K, 3), normals (P, 3) unit, weight (P, C), directions (K, 3), angles (K,): float32 (float64 goes to
     the reference); unoccluded (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
@@ -47,42 +46,33 @@ def occluded_light(
 
 
 def occluded_light_adjoint(
-    arriving: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
+    arriving: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, *rest: Tensor
 ) -> Tensor:
     """Return the transpose of `occluded_light` in its light, (K, 3), on diffuse and ambient parts (P, 6).
 
-    Other arguments and errors as there; not differentiable.
+    Further arguments and errors as in `occluded_light`; not differentiable.
     """
     dispatch.require_shape("arriving", arriving, normals.shape[0], 6)
     dispatch.require_index("index", index, unoccluded.shape[0])
-    grad = torch.nn.functional.pad(arriving, (0, 1))
-    rest = (normals, unoccluded, index, weight, directions, angles)
-    body = dispatch.choose("occlusion", grad, *rest)
-    return body.light_gradient(grad, *rest)
+    case = (torch.nn.functional.pad(arriving, (0, 1)), normals, unoccluded, index, *rest)
+    return dispatch.choose("occlusion", *case).light_gradient(*case)
 
 
 class _OccludedLight(torch.autograd.Function):
     @staticmethod
-    def forward(ctx: Any, light: Tensor, normals: Tensor, unoccluded: Tensor, *rest: Tensor) -> Tensor:
-        body = dispatch.choose("occlusion", light, normals, unoccluded, *rest)
-        out = body.occluded_light(light, normals, unoccluded, *rest)
-        ctx.save_for_backward(out, light, normals, unoccluded, *rest)
+    def forward(ctx: Any, *case: Tensor) -> Tensor:
+        out = dispatch.choose("occlusion", *case).occluded_light(*case)
+        ctx.save_for_backward(out, *case)
         return out
 
     @staticmethod
     @torch.autograd.function.once_differentiable
     def backward(ctx: Any, grad: Tensor) -> tuple[Tensor | None, ...]:
         out, *case = ctx.saved_tensors
-        body = dispatch.choose("occlusion", grad, *case)
+        backend = dispatch.choose("occlusion", grad, *case)
         wants_light, wants_normals = ctx.needs_input_grad[:2]
         return (
-            body.light_gradient(grad, *case[1:]) if wants_light else None,
-            body.normal_gradient(grad, out, *case) if wants_normals else None,
+            backend.light_gradient(grad, *case[1:]) if wants_light else None,
+            backend.normal_gradient(grad, out, *case) if wants_normals else None,
             *([None] * 5),
         )

@@ -19,9 +19,7 @@ from lightprobe.kernels import dispatch
 
 @dataclass(frozen=True)
 class Visibility:
-    """What each pixel sees: `face` (H, W) int32, -1 for nothing; `inverse_depth` (H, W) float32, 0 for
-    nothing.
-    """
+    """What each pixel sees: `face` (H, W) int32, -1 for none; `inverse_depth` (H, W) float32, 0 for none."""
 
     face: Tensor
     inverse_depth: Tensor
@@ -41,6 +39,6 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> Visibil
     dispatch.require_index("faces", faces, screen.shape[0])
     if height < 1 or width < 1:
         raise ValueError(f"The image must have at least one pixel, not {height} x {width}.")
-    body = dispatch.choose("rasterize", screen, faces)
+    backend = dispatch.choose("rasterize", screen, faces)
     with torch.no_grad():
-        return Visibility(*body.rasterize(screen, faces, height, width))
+        return Visibility(*backend.rasterize(screen, faces, height, width))

@@ -1,4 +1,4 @@
-"""Products of a constant sparse matrix with radiance triples, and of its transpose.
+"""Products of a constant sparse matrix with radiance triples, and of its transpose; rows from permuted columns.
 
     matrix (M, N) in compressed sparse rows: row r has the entries start[r] .. start[r + 1] of `column` and `value`
     x (N, 3)   product y (M, 3), or of chosen rows alone (K, 3): they cost only what they hold
@@ -22,8 +22,8 @@ from lightprobe.kernels import dispatch
 class CompressedRows:
     """One matrix: int32 `start` (M + 1,), `column` (entries,) in [0, columns) and float32 `value` (entries,).
 
-    The product waits for memory, so on the CPU columns are uint16 where that suffices, else int32. Whoever
-    builds a matrix answers for its columns: no product looks at them again.
+    Products are limited by memory, so on the CPU columns are uint16 where 16 bits suffice, else int32. Products do
+    not check columns: the builder of a matrix does.
     """
 
     start: Tensor
@@ -39,7 +39,7 @@ def sparse_product(matrix: CompressedRows, x: Tensor, rows: Tensor | None = None
     M). Raises ValueError on a wrong shape.
     """
     dispatch.require_shape("x", x, matrix.columns, 3)
-    return _body(matrix).product(matrix, x.detach(), rows)
+    return _backend(matrix).product(matrix, x.detach(), rows)
 
 
 def sparse_product_transposed(matrix: CompressedRows, y: Tensor, rows: Tensor, bounds: np.ndarray) -> Tensor:
@@ -50,10 +50,30 @@ def sparse_product_transposed(matrix: CompressedRows, y: Tensor, rows: Tensor, b
     bits.
     """
     dispatch.require_shape("y", y, rows.numel(), 3)
-    y = y.detach()
-    return _body(matrix).product_transposed(matrix, y, rows, bounds)
+    return _backend(matrix).product_transposed(matrix, y.detach(), rows, bounds)
 
 
-def _body(matrix: CompressedRows) -> ModuleType:
-    """Return the body by device alone: the CPU's loops take either dtype."""
+def _backend(matrix: CompressedRows) -> ModuleType:
+    """Return the backend by device alone: the CPU's loops take either dtype."""
     return dispatch.choose("sparse", matrix.start)
+
+
+def permute_rows(
+    start: np.ndarray,
+    column: np.ndarray,
+    value: np.ndarray,
+    which: np.ndarray,
+    by: np.ndarray,
+    source: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return compressed rows: row t has the entries of row which[t], column n renamed to source[by[t], n].
+
+    start (K + 1,), column and value (entries,): the old rows; which (T,) in [0, K); by (T,) in [0, S); source
+    (S, N) int32. Returns start (T + 1,) and value of the given dtypes, column int32; entries keep their order, so
+    that they are not sorted. NumPy arrays on the CPU; indices are not checked.
+    """
+    new_start = np.concatenate([[0], np.cumsum(np.diff(start)[which])]).astype(start.dtype)
+    new_column, new_value = np.empty(new_start[-1], np.int32), np.empty(new_start[-1], value.dtype)
+    loops = dispatch.compiled_loops("sparse", len(new_column))
+    loops.permute(start, column, value, which, by, source, new_start, new_column, new_value)
+    return new_start, new_column, new_value

@@ -20,14 +20,14 @@ def vote_on_voxels(
     voxel: np.ndarray,
     resolution: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the ballots of the photos that see a voxel's centre, summed, and their number; two (N, N, N)
-    int32.
+    """Return the sum of the ballots of all photos that see a voxel's centre, and their number: (N, N, N) int32.
 
     projections (K, 3, 4): (x, y, z, 1) to depth * (column, row, 1) of each of K photos; sizes (K, 2) int64:
     height and width; ballots (pixels of all,) int8: what each pixel adds, where photo k begins at starts[k],
     (K + 1,) int64. lo, voxel (3,) float64: corner of the grid and size of a voxel; resolution N.
     """
-    return dispatch.choose("voxels").vote(projections, sizes, starts, ballots, lo, voxel, resolution)
+    loops = dispatch.compiled_loops("voxels", len(projections) * resolution**3)
+    return loops.vote(projections, sizes, starts, ballots, lo, voxel, resolution)
 
 
 def cast_voxels(
@@ -38,11 +38,11 @@ def cast_voxels(
     height: int,
     width: int,
 ) -> np.ndarray:
-    """Return the picture (height, width) bool of where the ray through a pixel's centre meets an occupied
-    voxel.
+    """Return the picture (height, width) bool: whether the ray of a pixel's centre meets an occupied voxel.
 
     distance (N, N, N) int32: the chessboard distance to the nearest occupied voxel, 0 there. origin (3,) and
     axes (3, 3), columns right, up and back, in units of voxels, the grid being [0, N]^3; intrinsics (4,):
     focal lengths and principal point, x and y, in pixels.
     """
-    return dispatch.choose("voxels").cast(distance, origin, axes, intrinsics, height, width)
+    loops = dispatch.compiled_loops("voxels", height * width * distance.shape[0])
+    return loops.cast(distance, origin, axes, intrinsics, height, width)

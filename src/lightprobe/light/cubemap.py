@@ -22,11 +22,8 @@ _DOWN = ((0, -1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1), (0, -1, 0), (0, -1, 0)) 
 @functools.lru_cache(maxsize=16)
 def frames(device: torch.device) -> tuple[Tensor, Tensor, Tensor]:
     """Return (major, along, down) of the faces, each (6, 3) float64."""
-    return (
-        torch.tensor(_MAJOR, dtype=torch.float64, device=device),
-        torch.tensor(_ALONG, dtype=torch.float64, device=device),
-        torch.tensor(_DOWN, dtype=torch.float64, device=device),
-    )
+    major, along, down = torch.tensor((_MAJOR, _ALONG, _DOWN), dtype=torch.float64, device=device)
+    return major, along, down
 
 
 def face_points(face: Tensor, a: Tensor, b: Tensor) -> Tensor:
@@ -43,16 +40,13 @@ def _frame_parts(device: torch.device) -> tuple[Tensor, Tensor]:
 
 
 def face_coordinates(direction: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return (face int64, a, b), each (...,), of directions (..., 3) of any length; a and b are
-    differentiable.
-    """
+    """Return (face int64, a, b), each (...,), of directions (..., 3); a and b are differentiable."""
     x, y, z = direction.detach().unbind(-1)
     size_x, size_y, size_z = x.abs(), y.abs(), z.abs()
     face = torch.where(size_y >= size_z, 2 + (y < 0).long(), 4 + (z < 0).long())
     face = torch.where((size_x >= size_y) & (size_x >= size_z), (x < 0).long(), face)
-    axes, signs = (
-        part.index_select(0, face.flatten()).reshape(*face.shape, 3) for part in _frame_parts(face.device)
-    )
+    flat, shape = face.flatten(), (*face.shape, 3)
+    axes, signs = (part.index_select(0, flat).reshape(shape) for part in _frame_parts(face.device))
     major, along, down = (direction.gather(-1, axes) * signs.to(direction.dtype)).unbind(-1)
     return face, along / major, down / major
 
@@ -82,7 +76,7 @@ def exact_directions(resolution: int, device: torch.device | str = "cpu") -> Ten
 
 
 def solid_angles(resolution: int, device: torch.device | str = "cpu") -> Tensor:
-    """Return the exact solid angles (6, R, R) float32 of the texels in steradians; they sum to 4 pi."""
+    """Return the solid angles (6, R, R) float32 of the texels in steradians; they sum to 4 pi."""
     return exact_solid_angles(resolution, device).float()
 
 
@@ -109,15 +103,9 @@ def exact_solid_angles(resolution: int, device: torch.device | str = "cpu") -> T
 def cells(resolution: int, device: torch.device) -> Tensor:
     """Return the four texels around every point between texel centres: flat indices (6 (R + 1)^2, 4) int32.
 
-    Faces have a border of their neighbours. A border texel is found by stepping a little over the edge at the
-    height of its row: the texel on the other side of the edge is the true neighbour, which continuing the
-    face's plane by half a texel could miss. Where three faces meet there is no fourth texel: -1.
+    Faces have the border of `padding`. Where three faces meet there is no fourth texel: -1.
     """
-    step = 1e-3 / resolution
-    centres = (torch.arange(-1, resolution + 1, dtype=torch.float64) + 0.5) * (2.0 / resolution) - 1.0
-    centres[0], centres[-1] = -1.0 - step, 1.0 + step
-    face, a, b = _grid(centres)
-    index = nearest_texel(face_points(face, a, b), resolution).to(torch.int32)
+    index = padding(resolution, torch.device("cpu")).to(torch.int32).reshape(6, resolution + 2, -1)
     for row in (0, -1):
         for column in (0, -1):
             index[:, row, column] = -1
@@ -127,11 +115,11 @@ def cells(resolution: int, device: torch.device) -> Tensor:
 
 @functools.lru_cache(maxsize=16)
 def padding(resolution: int, device: torch.device) -> Tensor:
-    """Return the texels of every face with a border of one neighbour on each side: int64 (6 (R + 2)^2,), flat
-    indices.
+    """Return the texels of every face with a border of one neighbour: flat indices int64 (6 (R + 2)^2,).
 
-    A border texel lies on the adjacent face, across the edge at the same height. Beyond a corner there is no
-    texel; one of the two next to it stands in.
+    A border texel is found by stepping a little over the edge at the height of its row: the texel on the other
+    side is the true neighbour, which continuing the face's plane by half a texel could miss. Beyond a corner
+    there is no texel; one of the two next to it stands in.
     """
     step = 1e-3 / resolution
     centres = (torch.arange(-1, resolution + 1, dtype=torch.float64) + 0.5) * (2.0 / resolution) - 1.0
@@ -150,21 +138,15 @@ def nearest_texel(direction: Tensor, resolution: int) -> Tensor:
 
 @functools.lru_cache(maxsize=16)  # a prefilter asks for every power of two up to its own
 def symmetries(resolution: int, device: torch.device) -> tuple[Tensor, Tensor]:
-    """Return the cube's 24 rotations and 24 reflections as (index, handedness), texel for texel, without
-    resampling.
+    """Return the cube's 24 rotations and 24 reflections as (index, handedness), without resampling.
 
     index: (48, 6 R^2) int64, `x[index[k]]` is a cubemap x (6 R^2, ...) turned or mirrored; handedness: (48,)
     float32, -1 for a reflection.
     """
     texels = exact_directions(resolution).reshape(-1, 3)
     eye = torch.eye(3, dtype=torch.float64)
-    matrices = torch.stack(
-        [
-            torch.tensor(signs, dtype=torch.float64)[:, None] * eye[list(order)]
-            for order in itertools.permutations(range(3))
-            for signs in itertools.product((1.0, -1.0), repeat=3)
-        ]
-    )
+    turns = itertools.product(itertools.permutations(range(3)), itertools.product((1.0, -1.0), repeat=3))
+    matrices = torch.stack([torch.tensor(s).double()[:, None] * eye[list(order)] for order, s in turns])
     index = torch.stack([nearest_texel(texels @ matrix, resolution) for matrix in matrices])
     return index.to(device), torch.linalg.det(matrices).round().float().to(device)
 
@@ -186,11 +168,10 @@ def cell_taps(
     table: Tensor,
     scale: Tensor | float = 1.0,
 ) -> tuple[Tensor, Tensor]:
-    """Return `bilinear_taps`, times `scale`, of `face_coordinates` in cubemaps that may differ from row to
-    row.
+    """Return `bilinear_taps`, times `scale`, of `face_coordinates` in one cubemap for each row.
 
-    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `cells` of every cubemap
-    that occurs, those of a row's beginning at its `start`. scale: one or (N,), differentiable.
+    resolution and start: one for all rows or int64 (N,); `table` int32 holds the `cells` of every cubemap that
+    occurs; a row's cells begin at its `start`. scale: one or (N,), differentiable.
     """
     face, a, b = coordinates
     half = 0.5 * resolution
@@ -217,9 +198,7 @@ def _on_cpu(tensor: Tensor) -> bool:
 
 
 def _three_texels(index: Tensor, weight: Tensor) -> Tensor:
-    """Return the weights (N, 4) with that of a missing texel, if there is one, shared equally among the other
-    three.
-    """
+    """Return the weights (N, 4) with a missing texel's shared equally among the other three."""
     missing = index < 0
     kept = weight.masked_fill(missing, 0.0)
     lost = (weight - kept).sum(-1, keepdim=True)

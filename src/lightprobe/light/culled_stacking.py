@@ -1,5 +1,4 @@
-"""Stacking of probe pixels onto a whole cubemap, through the tiles of its faces where that is faster than all
-pairs.
+"""Stacking of probe pixels onto a cubemap, through the tiles of its faces where that is faster.
 
 Each face is cut into 4 x 4 tiles, the roots, and each tile into quarters, row by row, down to 4 x 4 texels;
 what a pixel does in this tree, and how far its sums may be off, stands in `kernels.culled_stacking`.
@@ -24,8 +23,7 @@ ROOTS = 4  # tiles along each edge of a face at the top
 def stack_on_cubemap(
     colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, resolution: int
 ) -> tuple[Tensor, Tensor]:
-    """Return radiance P (6, R, R, 3) and weight W (6, R, R) of `kernels.stack_probes` in all texels of a
-    cubemap.
+    """Return radiance P (6, R, R, 3) and weight W (6, R, R) of `kernels.stack_probes` in all texels.
 
     colors, normals, views (N, 3), alpha2 (N,) in (0, 1]. Within the bound of `kernels.culled_stacking` for
     float32 on the CPU and R a power of two from `LEAST_RESOLUTION`; exact elsewhere, and on a GPU, which does
@@ -60,14 +58,11 @@ def tile_tree(resolution: int) -> TileTree:
 
 def _level(level: int, offsets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return `tiles` and `bounds` of one level, with nodes or texels at `offsets` (4,) in [-1, 1]."""
-    centres = _directions(level, np.zeros(1))
-    radii = np.linalg.norm(_directions(level, np.array([-1.0, 1.0])) - centres, axis=3).max(
-        axis=2, keepdims=True
-    )
+    centres, corners = _directions(level, np.zeros(1)), _directions(level, np.array([-1.0, 1.0]))
+    radii = np.linalg.norm(corners - centres, axis=3).max(axis=2, keepdims=True)
     positions = _directions(level, offsets).swapaxes(2, 3).reshape(*radii.shape[:2], 3 * NODES)
-    return np.pad(positions, [(0, 0), (0, 0), (0, 4 * NODES)]), np.concatenate(
-        [centres[:, :, 0], radii], axis=2
-    )
+    bounds = np.concatenate([centres[:, :, 0], radii], axis=2)
+    return np.pad(positions, [(0, 0), (0, 0), (0, 4 * NODES)]), bounds
 
 
 def _places(level: int) -> tuple[np.ndarray, np.ndarray]:
@@ -89,9 +84,7 @@ def _texels(last: int, resolution: int) -> np.ndarray:
 
 
 def _directions(level: int, offsets: np.ndarray) -> np.ndarray:
-    """Return unit directions (96, 4^level, n n, 3) float64 at `offsets` (n,) in [-1, 1] of the tiles of one
-    level.
-    """
+    """Return unit directions (96, 4^level, n n, 3) float64 at `offsets` (n,) in [-1, 1] of a level's tiles"""
     face, top, left = (part.reshape(-1, 1, 1, 1) for part in np.indices((6, ROOTS, ROOTS)))
     row, column = (place[:, None, None] for place in _places(level))
     half = 1 / ROOTS / 2**level
@@ -103,15 +96,12 @@ def _directions(level: int, offsets: np.ndarray) -> np.ndarray:
 
 
 def _interpolation(nodes: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (4, 16, 16): from values at a tile's nodes (second) to those at `points` of each quarter
-    (third).
-    """
+    """Return (4, 16, 16): from a tile's nodes (second) to `points` of each of its quarters (third)."""
     halves = []
     for shift in (-1, 1):
         at = (points + shift) / 2
-        factors = [
-            [(at - nodes[m]) / (nodes[i] - nodes[m]) for m in range(SIDE) if m != i] for i in range(SIDE)
-        ]
+        rows = range(SIDE)
+        factors = [[(at - nodes[m]) / (nodes[i] - nodes[m]) for m in rows if m != i] for i in rows]
         halves.append(np.prod(np.array(factors), axis=1))  # (node, point)
     quarters = [np.kron(halves[row], halves[column]) for row in range(2) for column in range(2)]
     return np.stack(quarters).astype(np.float32)

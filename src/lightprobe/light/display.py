@@ -9,8 +9,7 @@ from lightprobe.imaging import LUMA, srgb_encode
 
 
 def exposure(image: np.ndarray) -> float:
-    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, whatever suns it
-    has.
+    """Return the factor that shows a linear HDR image (H, W, 3) at a middling brightness, suns or not.
 
     Most of it may be black. 1 for an image that is black all over.
     """
@@ -25,7 +24,7 @@ def tone_mapped(image: np.ndarray, factor: float) -> np.ndarray:
     return 1 - np.exp(-factor * np.maximum(image, 0))
 
 
-def shown(image: np.ndarray) -> np.ndarray:
+def displayed(image: np.ndarray) -> np.ndarray:
     """Return a linear HDR image (H, W, 3) exposed and tone-mapped, sRGB in [0, 1]."""
     return srgb_encode(tone_mapped(image, exposure(image)))
 

@@ -1,9 +1,7 @@
-"""Distant light around an object, as one type from the files it is read from to those it is written to.
+"""Distant light around an object: texels of a cubemap in memory, equirectangular EXR or Radiance maps in files.
 
-Inside are the texels of a cubemap (`light.cubemap`), outside equirectangular maps (`light.equirect`) in EXR
-or Radiance HDR files. Both have z up and the axes of the user's frame, in which directions are those of the
-normalised frame, too. Functions that compute with light texel by texel take and return the texels alone, as
-`light` (6, R, R, 3).
+Both have z up and the axes of the user's frame, which shares its directions with the normalised frame.
+Functions that compute with light texel by texel take and return the texels alone, as `light` (6, R, R, 3).
 """
 
 from dataclasses import dataclass
@@ -16,7 +14,7 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
-from lightprobe.light.display import png, shown
+from lightprobe.light.display import displayed, png
 from lightprobe.light.files import environment_files, panorama, write_map
 from lightprobe.light.resize import resize_light, rotate_light
 from lightprobe.light.upsampling import resized_map
@@ -28,9 +26,7 @@ _RESOLUTIONS = (8, 16, 32, 64, 128)  # that a file may be read at
 class Environment:
     """HDR radiance from all directions, in the exposure of the photo it belongs to."""
 
-    texels: (
-        Tensor  # (6, R, R, 3) float32 linear RGB radiance >= 0, faces +x -x +y -y +z -z as in `light.cubemap`
-    )
+    texels: Tensor  # (6, R, R, 3) float32 linear RGB radiance >= 0, as in `light.cubemap`
 
     def __post_init__(self) -> None:
         """Raise `ValueError` for a tensor of another shape."""
@@ -49,7 +45,7 @@ class Environment:
         return self.texels.device
 
     def to(self, device: torch.device) -> "Environment":
-        """Return it on another device."""
+        """Return the environment on another device."""
         return Environment(self.texels.to(device))
 
     def solid_angles(self) -> Tensor:
@@ -61,11 +57,11 @@ class Environment:
         return cubemap.sphere_mean(self.texels)
 
     def scaled(self, factor: Tensor | float) -> "Environment":
-        """Return it with radiance times `factor`, one or (3,): under another exposure or white balance."""
+        """Return the environment times `factor`, one or (3,): under another exposure or white balance."""
         return Environment(self.texels * factor)
 
     def resized(self, resolution: int) -> "Environment":
-        """Return it at another power-of-two resolution: area averages, or repeated texels."""
+        """Return the environment at another power-of-two resolution: area averages, or repeated texels."""
         return Environment(resize_light(self.texels, resolution))
 
     def rotated(self, rotation: Tensor, resolution: int | None = None) -> "Environment":
@@ -78,12 +74,10 @@ class Environment:
 
         R is then a power of two from 8 to 128. Raises `InputError` unless W = 2H.
         """
-        wanted = resolution or max(
-            (r for r in _RESOLUTIONS if r <= image.shape[0] // 2), default=_RESOLUTIONS[0]
-        )
-        return Environment(
-            equirect.to_cubemap(torch.from_numpy(np.ascontiguousarray(image, np.float32)), wanted)
-        )
+        fits = [side for side in _RESOLUTIONS if side <= image.shape[0] // 2]
+        wanted = resolution or max(fits, default=_RESOLUTIONS[0])
+        texels = torch.from_numpy(np.ascontiguousarray(image, np.float32))
+        return Environment(equirect.to_cubemap(texels, wanted))
 
     def panorama(self, height: int | None = None) -> np.ndarray:
         """Return the equirectangular map (2R, 4R, 3) float32, or one of `height` rows (`light.upsampling`)."""
@@ -94,8 +88,7 @@ class Environment:
     def load(
         path: Path | str, device: torch.device | None = None, resolution: int | None = None
     ) -> "Environment":
-        """Read an equirectangular EXR or Radiance map, onto the CPU without `device`, with R as in
-        `from_panorama`.
+        """Read an equirectangular EXR or Radiance map, by default onto the CPU; R as in `from_panorama`.
 
         Raises `InputError` naming the file when it is no W = 2H map of finite radiance.
         """
@@ -103,12 +96,10 @@ class Environment:
 
     def _repr_png_(self) -> bytes:
         """Return the map as notebooks show it: exposed, highlights bent."""
-        return png(shown(self.panorama()))
+        return png(displayed(self.panorama()))
 
     def save(self, path: Path | str, height: int | None = None) -> None:
-        """Write it as an equirectangular .exr or .hdr of 2R rows, or `height`; `ConfigError` for any other
-        suffix.
-        """
+        """Write an equirectangular .exr or .hdr of 2R rows or `height`; `ConfigError` for another suffix."""
         write_map(Path(path), self.panorama(height))
 
 
@@ -120,9 +111,8 @@ def read_map(path: Path) -> np.ndarray:
     image = read_hdr(path)
     height, width, channels = image.shape
     if width != 2 * height or channels < 3:
-        raise InputError(
-            f"{path} is {width} x {height} with {channels} channels; an environment needs RGB and W = 2H."
-        )
+        size = f"{width} x {height} with {channels} channels"
+        raise InputError(f"{path} is {size}; an environment needs RGB and W = 2H.")
     if not np.isfinite(image[..., :3]).all() or image[..., :3].min() < 0:
         raise InputError(f"{path} contains negative, infinite or NaN radiance; repair it in an image editor.")
     return np.ascontiguousarray(image[..., :3], np.float32)

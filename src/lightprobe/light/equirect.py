@@ -1,5 +1,4 @@
-"""Equirectangular maps in z-up form, the project's environments on disk, and their conversion to and from
-cubemaps.
+"""Equirectangular maps in z-up form, as files have them, and their conversion to and from cubemaps.
 
 A map has H rows and 2H columns; row 0 is the top. With u and v in [0, 1] from the left and the top, direction
 d lies at
@@ -60,18 +59,13 @@ def to_cubemap(map: Tensor, resolution: int) -> Tensor:
     """
     height, width = map.shape[:2]
     if width != 2 * height:
-        raise InputError(
-            f"An environment map must be twice as wide as high, not {width} x {height}: crop or resize it."
-        )
+        size = f"{width} x {height}"
+        raise InputError(f"An environment map must be twice as wide as high, not {size}: crop or resize it.")
     split = max(2, math.ceil(_PER_TEXEL * height / (2 * resolution)))
     values = map.reshape(-1, map.shape[-1])
-    faces = []
-    rows = resolution * split
+    faces, rows = [], resolution * split
     for face in range(6):
-        total, share = (
-            map.new_zeros(resolution, resolution, map.shape[-1]),
-            map.new_zeros(resolution, resolution, 1),
-        )
+        total, share = (map.new_zeros(resolution, resolution, size) for size in (map.shape[-1], 1))
         for some in torch.arange(rows, device=map.device).split(max(1, _AT_ONCE // rows)):
             point, solid_angle = _face_samples(face, rows, some)
             weight = solid_angle[:, None].to(map.dtype)
@@ -117,9 +111,7 @@ def _bilinear_taps(direction: Tensor, height: int, dtype: torch.dtype) -> tuple[
 
 
 def _face_samples(face: int, side: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the points (K side, 3) float64 and solid angles (K side,) of K `rows` of a face's side x side
-    grid.
-    """
+    """Return points (K side, 3) float64 and solid angles (K side,) of `rows` (K,) of a face's square grid."""
     centres = (torch.arange(side, dtype=torch.float64, device=rows.device) + 0.5) * (2.0 / side) - 1.0
     b, a = (grid.flatten() for grid in torch.meshgrid(centres[rows], centres, indexing="ij"))
     point = cubemap.face_points(torch.full_like(a, face, dtype=torch.long), a, b)

@@ -12,14 +12,12 @@ from lightprobe.imaging import write_exr, write_radiance
 from lightprobe.light import equirect
 
 _SUFFIXES = (".exr", ".hdr")
-_FACTS = ".light.json"
-FORMAT = "lightprobe light"  # of such a file
+_SUFFIX = ".light.json"
+FORMAT = "lightprobe light"  # of a .light.json
 
 
 def environment_files(folder: Path) -> list[Path]:
-    """Return every .exr and .hdr file of a folder in the order of their names; raise `InputError` when it has
-    none.
-    """
+    """Return every .exr and .hdr file of a folder, sorted by name; raise `InputError` when there is none."""
     if not folder.is_dir():
         raise InputError(f"{folder} is not a folder of environment maps.")
     paths = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
@@ -30,70 +28,65 @@ def environment_files(folder: Path) -> list[Path]:
 
 def light_file(map_path: Path) -> Path:
     """Return where the JSON of a map is, which tells of its sources and whether they are in it."""
-    return map_path.with_name(map_path.stem + _FACTS)
+    return map_path.with_name(map_path.stem + _SUFFIX)
 
 
 def other_map(map_path: Path) -> Path | None:
-    """Return the map in another format that the JSON beside `map_path` is of, if it is there; else None.
-
-    A JSON that cannot be read is nobody's.
-    """
+    """Return the map in another format that the JSON beside `map_path` describes, None where there is none."""
     try:
-        told = read_json(light_file(map_path))["map"]
-        other = map_path.with_name(Path(told["file"]).name)
-        return None if tells_of(told, map_path) or not other.is_file() else other
+        record = read_json(light_file(map_path))["map"]
+        other = map_path.with_name(Path(record["file"]).name)
+        return None if describes(record, map_path) or not other.is_file() else other
     except (InputError, KeyError, TypeError, ValueError, AttributeError):
         return None
 
 
-def tells_of(told: dict[str, Any], map_path: Path) -> bool:
-    """Return whether a JSON's "map" is the one at `map_path`: NAME.exr and NAME.hdr share NAME.light.json.
-
-    One that was renamed together with its map is still of it.
-    """
-    name = str(told.get("file", map_path.name))
-    return Path(name).stem != map_path.stem or map_path.name in (name, *told.get("copies", []))
+def describes(record: dict[str, Any], map_path: Path) -> bool:
+    """Return whether a JSON's "map", which may have been renamed, is at `map_path`: .exr and .hdr share a JSON."""
+    name = str(record.get("file", map_path.name))
+    return Path(name).stem != map_path.stem or map_path.name in (name, *record.get("copies", []))
 
 
-def _forget_facts(map_path: Path) -> None:
-    """Take a map out of the JSON beside it, and the JSON away where it is of no other map that is there."""
+def _forget_record(map_path: Path) -> None:
+    """Take a map out of the JSON beside it; remove the JSON where it describes no other map."""
     path = light_file(map_path)
     try:
         value = read_json(path)
-        told = value["map"]
-        if value["format"] != FORMAT or not tells_of(told, map_path):
+        record = value["map"]
+        if value["format"] != FORMAT or not describes(record, map_path):
             return
-        names = [Path(name).name for name in (told["file"], *told.get("copies", []))]
-    except (InputError, KeyError, TypeError, ValueError, AttributeError):  # none, or somebody else's
+        names = [Path(name).name for name in (record["file"], *record.get("copies", []))]
+    except (
+        InputError,
+        KeyError,
+        TypeError,
+        ValueError,
+        AttributeError,
+    ):  # no such file, or another program's
         return
     same = [name for name in names if Path(name).stem == map_path.stem and name != map_path.name]
     left = [name for name in same if map_path.with_name(name).is_file()]
     if left:
-        write_json(path, {**value, "map": {**told, "file": left[0], "copies": left[1:]}})
+        write_json(path, {**value, "map": {**record, "file": left[0], "copies": left[1:]}})
     else:
         remove(path)
 
 
 def panorama(cube: Tensor) -> np.ndarray:
-    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32 in the convention of the
-    files.
-    """
+    """Return a cubemap (6, R, R, C) as an equirectangular array (2R, 4R, C) float32, as files have it."""
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
 
 
 def write_map(path: Path, image: np.ndarray) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
 
-    What a .light.json tells of the map that was there is forgotten first: suns that the new one has in it, or
-    has not. Raises `ConfigError` for any other suffix, `ConvergenceError` for NaN or infinity, which no other
-    program reads.
+    The .light.json of an older map is dropped first, as its suns are not the new map's. Raises `ConfigError` for
+    any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
     """
     check_map_name(path)
     if not np.isfinite(image).all():
-        raise ConvergenceError(
-            f"The light for {path} holds NaN or infinity, so it is not written; train the run anew."
-        )
-    _forget_facts(path)
+        raise ConvergenceError(f"The light for {path} holds NaN or infinity; it is not written. Train anew.")
+    _forget_record(path)
     (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
 
 

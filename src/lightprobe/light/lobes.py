@@ -16,6 +16,10 @@ Rows over the light's own texels would be nearly full. They go over *nodes* inst
   integrates the lobe properly; their weights add up in that texel.
 - Wide lobes are smooth. Nodes are the light's moments with the tent functions of one coarse grid, and the weights are
   the least-squares fit of the lobe by these tents. Under a sun this is several times as exact as as many squares.
+
+The cube's 48 symmetries carry texels onto one another, and the rows with them: if symmetry k carries texel t onto f and
+node m onto n, the weight of m in the row of t is that of n in the row of f. So of 6 R^2 rows only R (R + 2) / 8 are
+computed, for the first texel of each orbit; the other rows hold the same numbers elsewhere.
 """
 
 import functools
@@ -27,22 +31,17 @@ import scipy.linalg
 import scipy.sparse
 import torch
 
-from lightprobe.kernels import lobe_rows
+from lightprobe.kernels import lobe_rows, permute_rows
 from lightprobe.kernels.lobe_rows import ROOT
 from lightprobe.light import cubemap
-from lightprobe.light.orbits import sources
 
-_FRAMES = np.stack(
-    [frame.numpy() for frame in cubemap.frames(torch.device("cpu"))], axis=1
-)  # (face, major|along|down, xyz)
+_FRAMES = torch.stack(cubemap.frames(torch.device("cpu")), 1).numpy()  # (face, major|along|down, xyz)
 _NEGLIGIBLE = 1e-4  # weights below this part of a row's largest are left out of tent rows
 
 
 @dataclass(frozen=True)
 class Nodes:
-    """The averages of a light (6, R, R) that rows refer to: the pyramid's squares, then the coarse grid's
-    tents.
-    """
+    """The averages of a light (6, R, R) that rows refer to: the pyramid's squares, then the grid's tents."""
 
     resolution: int  # R
     tent_resolution: int
@@ -68,7 +67,7 @@ class Nodes:
         """Return the node that each symmetry of the cube carries onto each node, (48, total) int32."""
         tables, first = [], 0
         for size in (*self._sizes(), self.tent_resolution):
-            tables.append(sources(size) + np.int32(first))
+            tables.append(carried(size) + np.int32(first))
             first += 6 * size * size
         return np.concatenate(tables, axis=1)
 
@@ -91,21 +90,17 @@ class Nodes:
 def narrow_rows(
     directions: np.ndarray, alpha: float, nodes: Nodes, tolerance: float
 ) -> scipy.sparse.csr_array:
-    """Return rows (N, nodes.total) over squares, for directions (N, 3) float64 unit; each is >= 0 and sums to
-    1.
+    """Return rows (N, nodes.total) over squares for unit directions (N, 3) float64; >= 0, each sums to 1.
 
     tolerance: the share of a row's weight that one square may misplace by its own size.
     """
-    start, index, weight = lobe_rows(
-        directions, _FRAMES, alpha, _lobe_integral(alpha), nodes.resolution, tolerance
-    )
+    lobe = alpha, _lobe_integral(alpha), nodes.resolution, tolerance
+    start, index, weight = lobe_rows(directions, _FRAMES, *lobe)
     return _normalised(scipy.sparse.csr_array((weight, index, start), shape=(len(directions), nodes.total)))
 
 
 def wide_rows(directions: np.ndarray, alpha: float, nodes: Nodes) -> scipy.sparse.csr_array:
-    """Return rows (N, nodes.total) over tents, for directions (N, 3) float64 unit; each is >= 0 and sums to
-    1.
-    """
+    """Return rows (N, nodes.total) over tents for unit directions (N, 3) float64; >= 0, each sums to 1."""
     fit = _tent_fit(nodes.tent_resolution, min(nodes.resolution, 2 * nodes.tent_resolution))
     cosine = directions @ fit.directions.T
     projected = (_lobe_of_cosine(cosine, alpha) * fit.solid_angles) @ fit.tents
@@ -142,9 +137,8 @@ def _tents(resolution: int, tent_resolution: int) -> scipy.sparse.csr_array:
     points = cubemap.exact_directions(resolution).reshape(-1, 3)
     index, weight = (taps.numpy() for taps in cubemap.bilinear_taps(points, tent_resolution))
     start = np.arange(0, index.size + 1, index.shape[1])
-    return scipy.sparse.csr_array(
-        (weight.ravel(), index.ravel(), start), shape=(len(points), 6 * tent_resolution**2)
-    )
+    entries = weight.ravel(), index.ravel(), start
+    return scipy.sparse.csr_array(entries, shape=(len(points), 6 * tent_resolution**2))
 
 
 def _normalised(rows: scipy.sparse.csr_array) -> scipy.sparse.csr_array:
@@ -161,7 +155,41 @@ def _lobe_integral(alpha: float) -> float:
     a2, k = alpha**2, 1.0 - alpha**2
     if k < 1e-4:
         return math.pi
-    low, high = a2, a2 + 0.5 * k
-    return (
-        4.0 * math.pi / k * ((1.0 + 2.0 * a2 / k) * (1.0 / low - 1.0 / high) - 2.0 / k * math.log(high / low))
-    )
+    high = a2 + 0.5 * k
+    bracket = (1.0 + 2.0 * a2 / k) * (1.0 / a2 - 1.0 / high) - 2.0 / k * math.log(high / a2)
+    return 4.0 * math.pi / k * bracket
+
+
+@dataclass(frozen=True)
+class Orbits:
+    """The orbits of a cubemap's texels: symmetry `by[t]` carries texel t onto `first[which[t]]`."""
+
+    first: np.ndarray  # (K,) flat texel indices, ascending
+    which: np.ndarray  # (6 R^2,) in 0..K-1
+    by: np.ndarray  # (6 R^2,) in 0..47
+
+    @staticmethod
+    def of(resolution: int) -> "Orbits":
+        """Return the orbits of 6 R^2 texels."""
+        first, by = cubemap.symmetries(resolution, torch.device("cpu"))[0].min(0)
+        unique, which = torch.unique(first, return_inverse=True)
+        return Orbits(unique.numpy(), which.numpy(), by.numpy())
+
+
+def carried(resolution: int) -> np.ndarray:
+    """Return the texel that each of the cube's symmetries carries onto each texel, (48, 6 R^2) int32."""
+    index, _ = cubemap.symmetries(resolution, torch.device("cpu"))
+    texel = torch.arange(index.shape[1], dtype=torch.int32).expand_as(index)
+    return torch.empty_like(texel).scatter_(1, index, texel).numpy()
+
+
+def unfold(
+    rows: scipy.sparse.csr_array, which: np.ndarray, by: np.ndarray, source: np.ndarray
+) -> scipy.sparse.csr_array:
+    """Return rows (T, N) from the rows of the orbits' first texels (K, N): row t is row `which[t]` permuted.
+
+    which and by: (T,) as in `Orbits`. source: (48, N) int32, the node that each symmetry carries onto each
+    node. Entries keep the order of the row that they come from, so that they are not sorted.
+    """
+    start, index, weight = permute_rows(rows.indptr, rows.indices, rows.data, which, by, source)
+    return scipy.sparse.csr_array((weight, index, start), shape=(len(which), rows.shape[1]))

@@ -13,23 +13,7 @@ import functools
 import torch
 from torch import Tensor
 
-from lightprobe.imaging.color import srgb_decode, srgb_encode
-
-__all__ = [
-    "USUAL_MEAN",
-    "beyond_clipping",
-    "displayed_error",
-    "exposure_unit",
-    "luma",
-    "one_sided",
-    "one_sided_residual",
-    "relative_tone_weight",
-    "srgb_decode",
-    "srgb_encode",
-    "tone_map",
-    "tone_slope",
-    "tone_weight",
-]
+from lightprobe.imaging.color import srgb_encode
 
 USUAL_MEAN = 0.22  # linear mean of a well-exposed object
 _LUMA = (0.299, 0.587, 0.114)  # the paper's weights (Equation 6)
@@ -38,7 +22,7 @@ _DARK = 0.05  # relative to the light level: darker pixels weigh no more
 
 
 def tone_map(linear: Tensor) -> Tensor:
-    """Return T(x) = sRGB(log(1 + x)) of linear values of any shape, those below zero taken for zero."""
+    """Return T(x) = sRGB(log(1 + x)) of linear values of any shape; negative values count as zero."""
     return srgb_encode(torch.log1p(linear.clamp(min=0)))
 
 
@@ -62,8 +46,7 @@ def relative_tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
 
 
 def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return where (bool) the render is brighter than a photo `clipped` (bool) there: no error; all of any
-    one shape.
+    """Return where (bool) the render is brighter than a photo `clipped` (bool) there; all of one shape.
 
     A saturated pixel only says that the light was at least this strong.
     """
@@ -76,23 +59,17 @@ def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
 
 
 def one_sided_residual(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of any one
-    shape.
-    """
+    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of one shape."""
     return one_sided(render, photo, clipped) - photo
 
 
 def displayed_error(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return the mean absolute tone-mapped difference () of linear colours (N, 3), one-sided where `clipped`
-    (N, 3).
-    """
+    """Return the mean absolute tone-mapped difference () of colours (N, 3), one-sided where `clipped`."""
     return (tone_map(one_sided(render, photo, clipped)) - tone_map(photo)).abs().mean()
 
 
 def exposure_unit(color: Tensor) -> Tensor:
-    """Return the radiance () to divide linear colours (N, 3) by so that their photo becomes a well-exposed
-    one.
-    """
+    """Return the radiance () by which linear colours (N, 3) are divided to look well exposed."""
     return color.mean().clamp(min=1e-9) / USUAL_MEAN
 
 

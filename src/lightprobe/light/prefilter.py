@@ -28,22 +28,16 @@ from torch import Tensor
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.light import cubemap
-from lightprobe.light.lobes import Nodes, narrow_rows, wide_rows
-from lightprobe.light.orbits import Orbits, unfold
+from lightprobe.light.lobes import Nodes, Orbits, narrow_rows, unfold, wide_rows
 from lightprobe.light.sparse import ChosenRows, SparseOperator
 
-# The least that is tabulated, and the most: the specular mixture's lobes may be wider than that of roughness
-# 1.
+# Tabulated roughnesses exceed 1, as the specular mixture's lobes may be wider than a cosine.
 MIN_ROUGHNESS, MAX_ROUGHNESS = 0.08, 1.4
 BLOCKS = 8  # blocks along each edge of the cubemap: about ten degrees
 ROUGHNESSES = (0.08, 0.11, 0.15, 0.19, 0.24, 0.305, 0.39, 0.5, 0.67, 1.0, MAX_ROUGHNESS)
 _TEXEL = 0.5 * math.pi  # mean extent of the texel of a cubemap with R = 1, in radians
-_TEXELS_PER_WIDTH = (
-    1.8  # a level resolves the half width of its lobe by at least so many texels, where the light does
-)
-_SMALLEST_WIDTH = (
-    0.4  # levels of lobes narrower than so many texels of the light are left out, but for the first
-)
+_TEXELS_PER_WIDTH = 1.8  # texels of a level in the half width of its lobe, at least, where the light has them
+_SMALLEST_WIDTH = 0.4  # texels of the light: levels of narrower lobes are left out, but for the first
 _COARSEST = 16  # no level of a finer light is coarser: it would show in smooth gradients
 
 
@@ -66,15 +60,11 @@ class Accuracy:
 
 
 DRAFT = Accuracy(0.1, 8, 0.5)
-"""For what looks at a light often and roughly: half the entries of narrow lobes; renders differ by .1 to .2
-%.
-"""
+"""For frequent, rough use of a light: half the entries of narrow lobes; renders differ by .1 to .2 %."""
 
 
 def accuracy_for(resolution: int) -> Accuracy:
-    """Return the accuracy that lights of `resolution` deserve: small ones must be fast, and are blurred
-    anyway.
-    """
+    """Return the accuracy for lights of `resolution`: small ones must be fast, and are blurred anyway."""
     return Accuracy(0.01, 8, 0.5) if resolution <= 32 else Accuracy(0.01, 16, 0.35)
 
 
@@ -112,9 +102,7 @@ def _lobe_matrix(levels: tuple[Level, ...], nodes: Nodes, accuracy: Accuracy) ->
 
 
 def _block_matrix(resolution: int) -> scipy.sparse.csr_array:
-    """Return the averages over blocks (384, 6 R^2) by solid angle; a coarser light is taken as constant in a
-    texel.
-    """
+    """Return averages over blocks (384, 6 R^2) by solid angle; a coarse light is constant in each texel."""
     fine = max(resolution, BLOCKS)
     centres = cubemap.exact_directions(fine).reshape(-1, 3)
     block, texel = cubemap.nearest_texel(centres, BLOCKS), cubemap.nearest_texel(centres, resolution)
@@ -122,12 +110,6 @@ def _block_matrix(resolution: int) -> scipy.sparse.csr_array:
     share = angle / torch.zeros(6 * BLOCKS**2, dtype=angle.dtype).index_add(0, block, angle)[block]
     entries = (share.numpy(), (block.numpy(), texel.numpy()))
     return scipy.sparse.coo_array(entries, shape=(6 * BLOCKS**2, 6 * resolution**2)).tocsr()
-
-
-def _stacked_cells(level: Level, device: torch.device) -> Tensor:
-    """Return the level's `cubemap.cells` with indices into the whole stack."""
-    index = cubemap.cells(level.resolution, device)
-    return torch.where(index < 0, index, index + level.offset)
 
 
 class _Apply(torch.autograd.Function):
@@ -144,9 +126,7 @@ class _Apply(torch.autograd.Function):
 
 
 class Prefilter:
-    """The prefilter operator for cubemaps of one resolution (a power of two from 4); use `cached` to share
-    it.
-    """
+    """The prefilter operator for cubemaps of one resolution, a power of two from 4; `cached` shares it."""
 
     def __init__(self, resolution: int, device: torch.device | str = "cpu", accuracy: Accuracy | None = None):
         if resolution < 4 or resolution & (resolution - 1):
@@ -162,7 +142,10 @@ class Prefilter:
         self.lobes = SparseOperator.build(_lobe_matrix(self.levels, nodes, accuracy), device)
         self.blocks = SparseOperator.build(_block_matrix(resolution), device)
         self._sharpness = torch.tensor([level.roughness**-2 for level in self.levels], device=device)
-        tables = [_stacked_cells(level, torch.device(device)) for level in self.levels]
+        tables = []  # `cubemap.cells` of each level, with indices into the whole stack
+        for level in self.levels:
+            index = cubemap.cells(level.resolution, torch.device(device))
+            tables.append(torch.where(index < 0, index, index + level.offset))
         starts = torch.tensor([0, *(len(table) for table in tables[:-1])]).cumsum(0)
         resolutions = torch.tensor([level.resolution for level in self.levels])
         self._shapes = torch.stack([resolutions, starts]).to(device)
@@ -179,9 +162,8 @@ class Prefilter:
 
     def dense_levels(self) -> Tensor:
         """Return the levels as a matrix (first_block, 6 R^2) of the light; for small lights."""
-        return torch.from_numpy((self.lobes.matrix() @ self.nodes.matrix()).toarray()).to(
-            self.lobes.forward.value
-        )
+        levels = (self.lobes.matrix() @ self.nodes.matrix()).toarray()
+        return torch.from_numpy(levels).to(self.lobes.forward.value)
 
     def averages(self, env: Tensor, lobes: SparseOperator | ChosenRows) -> Tensor:
         """Return what `lobes`, all or some, see of env (6, R, R, 3), and below it the blocks."""
@@ -230,15 +212,12 @@ class Prefilter:
         """Raise `ConfigError` unless env is (6, R, R, 3) of this resolution."""
         size = self.resolution
         if env.shape != (6, size, size, 3):
-            raise ConfigError(
-                f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {tuple(env.shape)}."
-            )
+            shape = tuple(env.shape)
+            raise ConfigError(f"This prefilter takes cubemaps (6, {size}, {size}, 3), not {shape}.")
 
 
 class PrefilterPart:
-    """On a CPU, the rows of a prefilter's levels that somebody looks up, and its blocks: all that one photo
-    needs.
-    """
+    """On a CPU, the rows of a prefilter's levels that one photo looks up, and the blocks."""
 
     def __init__(self, prefilter: Prefilter, rows: Tensor):
         """Restrict the levels to `rows` (K,), indices into the stack of levels."""
@@ -259,7 +238,5 @@ class PrefilterPart:
 def cached(
     resolution: int, device: torch.device | str = "cpu", accuracy: Accuracy | None = None
 ) -> Prefilter:
-    """Return the process's shared prefilter of a resolution, device and accuracy; one of R = 128 takes
-    seconds.
-    """
+    """Return the process's shared prefilter of a resolution, device and accuracy; R = 128 takes seconds."""
     return Prefilter(resolution, device, accuracy)

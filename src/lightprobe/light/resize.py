@@ -37,7 +37,7 @@ def _magnifying_taps(side: int, resolution: int, device: torch.device) -> tuple[
 
 
 def rotate_light(light: Tensor, rotation: Tensor, resolution: int) -> Tensor:
-    """Return the light (6, R, R, 3) whose radiance in direction d is that of `light` in `rotation` (3, 3) d.
+    """Return the light (6, R, R, 3) with the radiance in direction d that `light` has in `rotation` (3, 3) d.
 
     A light of another resolution is averaged or interpolated.
     """

@@ -9,7 +9,7 @@ same mean square angle from s: radius^2 / 2 for a disc, 2 / kappa for the Gaussi
 
 Sources are found where radiance stands out of a ring of some 15 to 30 degrees around it, the strongest first, and each
 is taken out, down to the ring's median, before the next is looked for. All of it is deterministic. Directions are
-those of the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
+in the light's own axes, z up. An `uncertainty` is only known where a photo tells it (`prediction.source_fit`).
 """
 
 import math
@@ -27,7 +27,7 @@ from lightprobe.light.resize import resize_light
 MOST = 8  # sources of a light
 SMALLEST = math.radians(0.265)  # the sun's radius, below which no source is taken to be
 _FINEST = 64  # resolution from which sources are looked for in area averages
-_RING = math.radians(15), math.radians(30)  # around a source, where its surroundings are seen
+_RING = math.radians(15), math.radians(30)  # around a source, where the level of the light beside it is seen
 _REACH = math.radians(25)  # of a source from its brightest texel
 _STANDS_OUT = 3.0  # times the median of the ring and the mean of the sphere
 _FOOT = 0.1  # of the height above the ring at which a source's radius is measured
@@ -69,9 +69,7 @@ class LightSource:
 
     @staticmethod
     def from_json(value: dict[str, Any]) -> "LightSource":
-        """Return the source of `to_json`'s form; raises `KeyError`, `TypeError` or `ValueError` for another
-        one.
-        """
+        """Return the source of `to_json`'s form; raises `KeyError`, `TypeError` or `ValueError` else."""
         x, y, z = (float(number) for number in value["direction"])
         length = math.sqrt(x * x + y * y + z * z)
         r, g, b = (float(number) for number in value["irradiance_rgb"])
@@ -81,13 +79,9 @@ class LightSource:
         numbers = [x, y, z, r, g, b, radius, *(n for n in (spread, turn) if n is not None)]
         if not all(math.isfinite(n) for n in numbers) or not 1e-6 < length < 1e6 or min(r, g, b) < 0:
             raise ValueError("no light source has such numbers")
-        return LightSource(
-            (x / length, y / length, z / length),
-            min(max(radius, SMALLEST), math.pi),
-            (r, g, b),
-            spread,
-            None if turn is None else math.radians(turn),
-        )
+        towards = x / length, y / length, z / length
+        radius, turn = min(max(radius, SMALLEST), math.pi), None if turn is None else math.radians(turn)
+        return LightSource(towards, radius, (r, g, b), spread, turn)
 
     def scaled(self, factor: Tensor) -> "LightSource":
         """Return it with its irradiance times `factor` (3,)."""
@@ -104,9 +98,8 @@ class SplitLight:
 
     def scaled(self, factor: Tensor) -> "SplitLight":
         """Return it with all radiance times `factor` (3,)."""
-        return SplitLight(
-            self.rest.scaled(factor.to(self.rest.device)), tuple(s.scaled(factor) for s in self.sources)
-        )
+        rest = self.rest.scaled(factor.to(self.rest.device))
+        return SplitLight(rest, tuple(source.scaled(factor) for source in self.sources))
 
 
 def find_sources(environment: Environment, most: int = MOST) -> tuple[LightSource, ...]:
@@ -116,9 +109,7 @@ def find_sources(environment: Environment, most: int = MOST) -> tuple[LightSourc
 
 @torch.no_grad()
 def split_light(environment: Environment, most: int = MOST) -> SplitLight:
-    """Return a light as up to `most` sources and the rest, which keeps the level around each source in its
-    place.
-    """
+    """Return up to `most` sources of a light and the rest, which keeps the level around each source."""
     search = _Search(environment)
     found: list[LightSource] = []
     while len(found) < most and (source := search.next_source()) is not None:
@@ -150,32 +141,26 @@ class _Search:
                 return None
             taken, level = self._region(peak)
             excess = (self._light[taken] - level).clamp(min=0) * self._angle[taken, None]
-            if self._stands_out(peak, level) and float(luma(excess.sum(0))) >= _LEAST * self._flux:
+            stands_out = float(luma(self._light[peak])) > _STANDS_OUT * float(luma(level))
+            if stands_out and float(luma(excess.sum(0))) >= _LEAST * self._flux:
                 self._light[taken] = torch.minimum(self._light[taken], level)
                 self._passed |= self._beside(taken, peak)
                 return self._source(taken, excess)
             self._passed[taken] = True
 
     def rest(self, texels: Tensor) -> Tensor:
-        """Return `texels` (6, R, R, 3) without what was taken; finer ones lose the share that their block
-        loses.
-        """
+        """Return `texels` (6, R, R, 3) without the sources; finer texels lose the share of their block."""
         kept = (self._light / self._given.clamp(min=1e-30)).clamp(max=1).float()
         return texels * resize_light(kept.reshape(6, self._resolution, self._resolution, 3), texels.shape[1])
 
-    def _stands_out(self, peak: int, level: Tensor) -> bool:
-        return float(luma(self._light[peak])) > _STANDS_OUT * float(luma(level))
-
     def _beside(self, taken: Tensor, peak: int) -> Tensor:
-        """Return the texels (6 R^2,) bool within the reach of a source, whose tails are no sources of their
-        own.
-        """
+        """Return the texels (6 R^2,) bool within reach of a source, whose tails are no sources themselves."""
         cosine = self._direction @ self._direction[peak]
         reach = torch.acos(cosine[taken].clamp(-1, 1)).max() + 2 * self._angle[peak].sqrt()
         return cosine > torch.cos(reach)
 
     def _region(self, peak: int) -> tuple[Tensor, Tensor]:
-        """Return the texels (K,) of the source around `peak`, and the radiance (3,) of what surrounds it."""
+        """Return the texels (K,) of the source around `peak`, and the radiance (3,) beside it."""
         apart = torch.acos((self._direction @ self._direction[peak]).clamp(-1, 1))
         ring = (apart > _RING[0]) & (apart < _RING[1])
         level = self._light[ring].median(0).values
@@ -186,9 +171,7 @@ class _Search:
         return self._connected(((apart < end) & (brightness > _GROUND * ground)).nonzero()[:, 0], peak), level
 
     def _connected(self, near: Tensor, peak: int) -> Tensor:
-        """Return those of the texels `near` (K,) that hang together with `peak`, and it alone if it is not
-        one.
-        """
+        """Return the texels of `near` (K,) connected with `peak`; `peak` alone if it is not among them."""
         width = self._angle[near].sqrt()
         step = torch.cdist(self._direction[near], self._direction[near])
         touching = step < _NEIGHBOUR * torch.minimum(width[:, None], width)

@@ -16,9 +16,7 @@ _ENTRIES_PER_PART = 1 << 16  # with fewer, adding the partial sums up costs more
 
 @dataclass(frozen=True)
 class SparseOperator:
-    """A constant matrix, and its transpose once somebody asks for it: some rows of it (`ChosenRows`) do
-    without.
-    """
+    """A constant matrix, and its transpose, found when first asked for: `ChosenRows` do without."""
 
     forward: CompressedRows
 
@@ -30,9 +28,7 @@ class SparseOperator:
         read texels beside each other.
         """
         if torch.device(device).type != "cpu" and not matrix.has_sorted_indices:
-            matrix = (
-                matrix.T.tocsr().T.tocsr()
-            )  # a transpose is sorted, stably, and quicker to find than an order
+            matrix = matrix.T.tocsr().T.tocsr()  # a transpose is sorted, and found sooner than an order
         return SparseOperator(_compress(matrix, device))
 
     @functools.cached_property
@@ -43,11 +39,8 @@ class SparseOperator:
     def matrix(self) -> scipy.sparse.csr_array:
         """Return the SciPy matrix, float32."""
         held = self.forward
-        entries = (
-            held.value.cpu().numpy(),
-            held.column.cpu().numpy().astype(np.int32),
-            held.start.cpu().numpy(),
-        )
+        value, column, start = (part.cpu().numpy() for part in (held.value, held.column, held.start))
+        entries = value, column.astype(np.int32), start
         return scipy.sparse.csr_array(entries, shape=(len(held.start) - 1, held.columns))
 
     def apply(self, x: Tensor) -> Tensor:
@@ -65,9 +58,7 @@ class ChosenRows:
 
     operator: SparseOperator
     rows: Tensor  # int32
-    bounds: (
-        np.ndarray
-    )  # (parts + 1,) where each of the parts starts in `rows`; all hold about as many entries
+    bounds: np.ndarray  # (parts + 1,) where the parts, of about as many entries, start in `rows`
 
     @staticmethod
     def of(operator: SparseOperator, rows: Tensor) -> "ChosenRows":

@@ -30,20 +30,10 @@ def basis(directions: Tensor) -> Tensor:
     x, y, z = directions.unbind(-1)
     one, pi = torch.ones_like(x), math.pi
     first, second = math.sqrt(3 / (4 * pi)), math.sqrt(15 / (4 * pi))
-    return torch.stack(
-        [
-            math.sqrt(1 / (4 * pi)) * one,
-            first * y,
-            first * z,
-            first * x,
-            second * x * y,
-            second * y * z,
-            math.sqrt(5 / (16 * pi)) * (3 * z * z - 1),
-            second * x * z,
-            math.sqrt(15 / (16 * pi)) * (x * x - y * y),
-        ],
-        -1,
-    )
+    linear = [first * y, first * z, first * x]
+    zonal, sectoral = math.sqrt(5 / (16 * pi)) * (3 * z * z - 1), math.sqrt(15 / (16 * pi)) * (x * x - y * y)
+    quadratic = [second * x * y, second * y * z, zonal, second * x * z, sectoral]
+    return torch.stack([math.sqrt(1 / (4 * pi)) * one, *linear, *quadratic], -1)
 
 
 def harmonics(light: Tensor) -> Tensor:

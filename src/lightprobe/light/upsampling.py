@@ -27,13 +27,9 @@ from lightprobe.light.equirect import solid_angles
 HEIGHTS = (64, 128, 256, 512, 1024, 2048)  # rows of the maps that may be asked for
 _SIZE = re.compile(r"(\d{1,5})(?:x(\d{1,5}))?")
 _ITERATIONS, _CLOSE = 60, 1e-3  # of the fixed point, and the largest relative error at which it may stop
-_MIDPOINTS = (
-    8  # samples along a texel up to which they are those of the wanted map; beyond, Gauss' rule does as well
-)
+_MIDPOINTS = 8  # samples along a texel that are summed one by one; with more, Gauss' rule does as well
 _GAUSS = 4  # points of that rule
-_BLACK = (
-    1e-6  # of a channel's mean: what is darker is interpolated as this, and scaled to its mean at the end
-)
+_BLACK = 1e-6  # of a channel's mean: darker texels are interpolated as this bright, and scaled at the end
 _AT_ONCE = 2**18  # texels of the wanted map that are computed at once
 
 
@@ -47,9 +43,8 @@ def map_height(size: str) -> int:
     height = int(found[2]) if found and found[2] else width // 2
     if width != 2 * height or height not in HEIGHTS:
         sizes = ", ".join(f"{2 * rows}x{rows}" for rows in HEIGHTS)
-        raise ConfigError(
-            f"A map cannot have the --size '{size[:40]}'; give one of {sizes}, or only its width."
-        )
+        words = f"A map cannot have the --size '{size[:40]}'"
+        raise ConfigError(f"{words}; give one of {sizes}, or only its width.")
     return height
 
 
@@ -72,9 +67,7 @@ def resized_map(image: np.ndarray, height: int) -> np.ndarray:
 
 
 def reduced_map(image: np.ndarray, height: int) -> np.ndarray:
-    """Return the means by solid angle of a map (H, 2H, C) over texels of one with fewer rows, (height, 2
-    height, C).
-    """
+    """Return the means by solid angle of a map (H, 2H, C) over fewer rows, (height, 2 height, C)."""
     weight = solid_angles(image.shape[0])[:, :1, None].numpy()  # of a row's texels
     return resize_area(image * weight, height, 2 * height) / resize_area(weight, height, 1)
 
@@ -96,9 +89,7 @@ def _magnified(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _coefficients(image: np.ndarray, factor: int) -> np.ndarray:
-    """Return the padded coefficients (H + 2, W + 2, C) of the logarithm's spline whose texels have the map's
-    means.
-    """
+    """Return padded coefficients (H + 2, W + 2, C) of the spline whose texels have the map's means."""
     floor = np.maximum(_BLACK * image.mean((0, 1)), np.finfo(np.float32).tiny)
     wanted = np.maximum(image, floor)
     if factor <= _MIDPOINTS:
@@ -118,9 +109,7 @@ def _coefficients(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _interpolated(padded: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the spline (h, n, W, n, C) at n points along each edge of h x W texels, of `padded` (h + 2, W +
-    2, C).
-    """
+    """Return the spline (h, n, W, n, C) of `padded` (h + 2, W + 2, C) at n points along a texel's edges."""
     rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
     down = sum(weights[None, :, tap, None, None] * padded[tap : tap + rows, None] for tap in range(3))
     return sum(weights[:, tap, None] * down[:, :, tap : tap + columns, None] for tap in range(3))
@@ -139,7 +128,5 @@ def _midpoints(count: int) -> np.ndarray:
 
 
 def _spline(points: np.ndarray) -> np.ndarray:
-    """Return the weights (n, 3) of the texel before, this one and the one after at `points` (n,) in [-1/2,
-    1/2].
-    """
+    """Return the weights (n, 3) of the texel before, at and after `points` (n,) in [-1/2, 1/2]."""
     return np.stack([0.5 * (0.5 - points) ** 2, 0.75 - points**2, 0.5 * (0.5 + points) ** 2], 1)

@@ -12,6 +12,9 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, ImageLoss
 from lightprobe.light.photometry import one_sided, srgb_encode, tone_map
+from lightprobe.core.config import DecomposeConfig
+from lightprobe.imaging import srgb_encode
+from lightprobe.light.photometry import one_sided, tone_map
 from lightprobe.reconstruction.photos import Target
 
 SMOOTHNESS = 0.03  # weight of the material's change under a small displacement; nvdiffrec's

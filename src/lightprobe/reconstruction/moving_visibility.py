@@ -8,8 +8,7 @@ from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.render.surface import Surface
-from lightprobe.render.vertex_visibility import vertex_visibility
-from lightprobe.render.visibility import PointVisibility, VertexVisibility
+from lightprobe.render.visibility import PointVisibility, VertexVisibility, vertex_visibility
 
 _TURN = 0.1  # object radii that a turned normal is away: thin parts keep their sides apart
 _PAIRS = 1 << 25  # distances of a GPU's comparison that are held at a time

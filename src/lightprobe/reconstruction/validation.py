@@ -7,7 +7,8 @@ from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import draw_rows, generator
-from lightprobe.light.photometry import one_sided, srgb_encode
+from lightprobe.imaging import srgb_encode
+from lightprobe.light.photometry import one_sided
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
 from lightprobe.reconstruction.lights import FINAL_REGULARISATION, solve_target_light

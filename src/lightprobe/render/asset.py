@@ -14,8 +14,7 @@ from lightprobe.geometry.textures import Textures, sample
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import Surface, View, face_camera, visible_surface
-from lightprobe.render.vertex_visibility import SIDE, vertex_visibility
-from lightprobe.render.visibility import PointVisibility, VertexVisibility
+from lightprobe.render.visibility import SIDE, PointVisibility, VertexVisibility, vertex_visibility
 from lightprobe.scene.camera import Camera
 
 _FARTHEST = 1e3  # radii; no vertex of a normalised object is anywhere near
@@ -62,9 +61,7 @@ class Asset:
 
     @staticmethod
     def from_tensors(tensors: dict[str, Tensor], source: Path, remedy: str) -> "Asset":
-        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` when they make no
-        sound one.
-        """
+        """Return the asset of `tensors`; raise `InputError` with `source` and `remedy` for unsound ones."""
         sees = "openness" in tensors
         rules = _RULES | (_VISIBILITY if sees else {})
         rules |= {"normal_faces": TensorRule(("F", 3), torch.int32, 0)} if "normal_faces" in tensors else {}
@@ -134,19 +131,9 @@ def gbuffer_of(
     surface: Surface, view: View, normal: Tensor, material: Tensor, visibility: PointVisibility | None = None
 ) -> GBuffer:
     """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
-    return GBuffer(
-        height=view.height,
-        width=view.width,
-        pixel=surface.pixel,
-        face=surface.face,
-        position=surface.position,
-        normal=normal,
-        view=surface.view,
-        base_color=material[:, :3],
-        roughness=material[:, 3],
-        metallic=material[:, 4],
-        visibility=visibility,
-    )
+    points = surface.pixel, surface.face, surface.position, normal, surface.view
+    look = material[:, :3], material[:, 3], material[:, 4]
+    return GBuffer(view.height, view.width, *points, *look, visibility)
 
 
 def textured_gbuffer(
@@ -160,11 +147,9 @@ def textured_gbuffer(
     """Return the G-buffer of a textured mesh; `flat` (S * S, 8) as `Textures.flat`; differentiable in both."""
     material = sample(flat, surface.interpolate(mesh.uvs, mesh.uv_faces))
     shading = shading_normals(surface, mesh, mesh.normals(), tangents, material[:, 5:])
-    points = (
-        None
-        if visibility is None
-        else PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
-    )
+    if visibility is None:
+        return gbuffer_of(surface, view, shading, material)
+    points = PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
     return gbuffer_of(surface, view, shading, material, points)
 
 
@@ -177,6 +162,5 @@ def rasterize_asset(asset: Asset, camera: Camera, device: torch.device) -> GBuff
 
 def asset_gbuffer(asset: Asset, surface: Surface, view: View) -> GBuffer:
     """Return the G-buffer of the asset's visible surface."""
-    return textured_gbuffer(
-        surface, view, asset.mesh, asset.textures.flat(), uv_tangents(asset.mesh), asset.visibility
-    )
+    flat, tangents = asset.textures.flat(), uv_tangents(asset.mesh)
+    return textured_gbuffer(surface, view, asset.mesh, flat, tangents, asset.visibility)

@@ -1,8 +1,8 @@
 """The photo as a linear function of a coarse light, written out as matrices, and the light that inverts them.
 
-At 6 x 8 x 8 texels (eleven degrees) the operator A of `render.transport` is small enough to be stored, and
-its least-squares inverse is exact and takes milliseconds. It is blurred, and may be negative where the photo
-contradicts itself: it is evidence for what knows better, not a prediction.
+At 6 x 8 x 8 texels (eleven degrees) the operator A of `render.transport` is small enough to be stored, and the
+least-squares light is found exactly within milliseconds. That light is blurred, and may be negative where the photo
+contradicts itself: it is evidence for other estimates, not a prediction.
 """
 
 import functools
@@ -57,8 +57,7 @@ class CoarseTransport:
     def solve(self, observed: Tensor, weight: Tensor, level: Tensor, strengths: tuple[float, ...]) -> Tensor:
         """Return the lights (S, 384, 3) closest to `observed` (P, 3), pulled towards a grey `level` ().
 
-        weight (P, 3) >= 0. The objective is that of `transport.solve_light` with each of the `strengths`,
-        without its bounds.
+        weight (P, 3) >= 0. The objective is `transport.solve_light`'s without bounds, with each of the `strengths`.
         """
         angle = cubemap.solid_angles(BLOCKS, observed.device).reshape(-1) / (4 * math.pi)
         lights = []
@@ -69,10 +68,8 @@ class CoarseTransport:
             normal, right = weighted.T @ a, weighted.T @ (observed[:, channel] - level * white)
             gain = (w * white.square()).sum()
             for strength in strengths:
-                ridge = torch.diag(strength * gain * angle + 1e-9)
-                lights.append(
-                    torch.cholesky_solve(right[:, None], torch.linalg.cholesky(normal + ridge))[:, 0] + level
-                )
+                factor = torch.linalg.cholesky(normal + torch.diag(strength * gain * angle + 1e-9))
+                lights.append(torch.cholesky_solve(right[:, None], factor)[:, 0] + level)
         return torch.stack(lights, 1).reshape(TEXELS, 3, len(strengths)).permute(2, 0, 1).contiguous()
 
 
@@ -84,9 +81,7 @@ def _dense_prefilter(device: torch.device) -> tuple[prefilters.Prefilter, Tensor
 
 
 def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and its open share
-    (P,).
-    """
+    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and open (P,)."""
     directions = cubemap.directions(BLOCKS, normal.device).reshape(-1, 3)
     angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
     seen = torch.zeros(len(normal), TEXELS, device=normal.device)

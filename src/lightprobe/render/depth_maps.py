@@ -30,9 +30,7 @@ class DepthMaps:
 
     @staticmethod
     def of(vertices: Tensor, faces: Tensor, points: Tensor, normals: Tensor, side: int) -> "DepthMaps":
-        """Return maps of `side` x `side` pixels of a mesh (V, 3), (F, 3), for surface points and normals (P,
-        3).
-        """
+        """Return `side` x `side` maps of a mesh (V, 3), (F, 3) for surface points and normals (P, 3)."""
         extent = 1.02 * float(vertices.norm(dim=1).max())
         pixel = 2 * extent / side
         corners = torch.cat([vertices, points + _BIAS * pixel * normals])
@@ -42,10 +40,9 @@ class DepthMaps:
         return DepthMaps(faces, outward, corners, len(vertices), scale, middle, pixel, side)
 
     def visibility(self, axes: Tensor) -> tuple[Tensor, Tensor]:
-        """Return how much (P,) of the direction axes[2] each point has open, and the face before it (P,), -1
-        if none.
+        """Return how open (P,) direction axes[2] is at each point, and the face before it (P,), -1 if none.
 
-        Four pixels around the point are asked for the one, the nearest for the other. axes: (3, 3)
+        Openness is bilinear over the four pixels around the point; the face is the nearest pixel's. axes: (3, 3)
         orthonormal rows.
         """
         corners = torch.addmm(self.middle, self.corners, (self.scale[:, None] * axes).T)
@@ -58,9 +55,8 @@ class DepthMaps:
         place = (point[:, :2] - 0.5).clamp(0, self.side - 1.001)
         low = place.floor()
         (fx, fy), first = (place - low).unbind(1), (low[:, 1] * self.side + low[:, 0]).long()
-        limit = 1 / (
-            point[:, 2] - _BIAS * self.pixel
-        )  # what is nearer has more inverse depth, and nothing has none
+        # What is nearer has more inverse depth, and the background has none.
+        limit = 1 / (point[:, 2] - _BIAS * self.pixel)
         sides = ((0, 1 - fy, 1 - fx), (1, 1 - fy, fx), (self.side, fy, 1 - fx), (self.side + 1, fy, fx))
         lit = torch.zeros_like(fx)
         for step, down, across in sides:
@@ -74,8 +70,7 @@ class DepthMaps:
 
 def frames(directions: Tensor) -> Tensor:
     """Return orthonormal axes (K, 3, 3) whose third row is the unit direction (K, 3)."""
-    across = torch.where(
-        directions[:, :1].abs() < 0.6, directions.new_tensor([1.0, 0, 0]), directions.new_tensor([0.0, 1, 0])
-    )
+    x, y = directions.new_tensor([[1.0, 0, 0], [0.0, 1, 0]])
+    across = torch.where(directions[:, :1].abs() < 0.6, x, y)
     first = torch.nn.functional.normalize(torch.linalg.cross(directions, across), dim=1)
     return torch.stack([first, torch.linalg.cross(directions, first), directions], 1)

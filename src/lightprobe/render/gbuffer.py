@@ -1,7 +1,7 @@
 """The G-buffer: what the camera sees of the object, one row per covered pixel."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -33,19 +33,8 @@ class GBuffer:
     def select(self, rows: Tensor) -> "GBuffer":
         """Return the pixels at `rows` (K,) int64."""
         visibility = None if self.visibility is None else self.visibility.select(rows)
-        return GBuffer(
-            self.height,
-            self.width,
-            self.pixel[rows],
-            self.face[rows],
-            self.position[rows],
-            self.normal[rows],
-            self.view[rows],
-            self.base_color[rows],
-            self.roughness[rows],
-            self.metallic[rows],
-            visibility,
-        )
+        chosen = {name: getattr(self, name)[rows] for name in _PER_PIXEL}
+        return replace(self, **chosen, visibility=visibility)
 
     def tensors(self) -> tuple[Tensor, ...]:
         """Return all tensors, (P, ...) each, and last the four of the visibility, of which two are (V, ...)."""
@@ -57,49 +46,20 @@ class GBuffer:
 
     def holding(self, tensors: Sequence[Tensor]) -> "GBuffer":
         """Return a G-buffer that holds `tensors` (P, ...), in the order of `tensors()`."""
-        pixel, face, position, normal, view, base_color, roughness, metallic, *seen = tensors
+        seen = tensors[len(_PER_PIXEL) :]
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
-        return GBuffer(
-            self.height,
-            self.width,
-            pixel,
-            face,
-            position,
-            normal,
-            view,
-            base_color,
-            roughness,
-            metallic,
-            visibility,
-        )
+        own = dict(zip(_PER_PIXEL, tensors, strict=False))
+        return GBuffer(self.height, self.width, **own, visibility=visibility)
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
-        """Return several views of one object as a single picture, each below the one before, as wide as the
-        widest.
-        """
+        """Return several views of one object as one picture, each below the one before."""
         width, top, pixels = max(part.width for part in parts), 0, []
         for part in parts:
             row, column = torch.div(part.pixel, part.width, rounding_mode="floor"), part.pixel % part.width
             pixels.append((top + row) * width + column)
             top += part.height
-        face, position, normal, view, base_color, roughness, metallic = (
-            torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]
-        )
-        seen = [part.visibility for part in parts]
-        visibility = (
-            None if seen[0] is None else PointVisibility.of_all([one for one in seen if one is not None])
-        )
-        return GBuffer(
-            top,
-            width,
-            torch.cat(pixels),
-            face,
-            position,
-            normal,
-            view,
-            base_color,
-            roughness,
-            metallic,
-            visibility,
-        )
+        rest = {name: torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]}
+        seen = [part.visibility for part in parts if part.visibility is not None]
+        visibility = PointVisibility.of_all(seen) if seen else None
+        return GBuffer(top, width, torch.cat(pixels), **rest, visibility=visibility)

@@ -18,8 +18,7 @@ _CHANCE = 0.15, 0.95  # bounds of the chance of sampling the specular lobe
 
 
 class GltfBsdf(mi.BSDF):
-    """glTF 2.0 metallic-roughness, two-sided, single-scattering: (1-F) c_diff/pi + F D V with F =
-    Schlick(F0).
+    """glTF 2.0 metallic-roughness, two-sided, single-scattering: (1-F) c_diff/pi + F D V, F = Schlick(F0).
 
     Properties: the textures `base_color` (linear) and `orm` (glTF's channels), and, if there is a normal map,
     the texture `normal` (unit vectors) with the mesh attributes `tangent` (3) and `handedness` (1).
@@ -47,9 +46,7 @@ class GltfBsdf(mi.BSDF):
         return mi.Frame3f(dr.normalize(n + dr.maximum(_SEEN - dr.dot(n, wi), 0) * wi))
 
     def _surface(self, si, cosine, active):
-        """Return diffuse colour, F0, alpha and the chance of sampling the specular lobe; cosine: of view and
-        normal.
-        """
+        """Return diffuse colour, F0, alpha and the chance to sample the specular lobe; cosine: n.v."""
         base, orm = self.base_color.eval(si, active), self.orm.eval(si, active)
         roughness, metallic = orm.y, orm.z
         diffuse = base * (1 - metallic)
@@ -84,9 +81,7 @@ class GltfBsdf(mi.BSDF):
         return dr.select(active, value, 0), dr.select(active, pdf, 0)
 
     def sample(self, ctx, si, sample1, sample2, active=True):
-        """Sample the visible normals or the cosine, chosen by the Fresnel share; weight = value / pdf of
-        both.
-        """
+        """Sample visible normals or the cosine, chosen by the Fresnel share; weight = value / pdf."""
         flip = dr.sign(si.wi.z)
         wi = mi.Vector3f(si.wi.x, si.wi.y, si.wi.z * flip)
         frame = self._bent(si, wi, active)
@@ -95,17 +90,15 @@ class GltfBsdf(mi.BSDF):
         specular = sample1 < chance
         facets = mi.MicrofacetDistribution(mi.MicrofacetType.GGX, dr.maximum(alpha, 1e-3), True)
         normal, _ = facets.sample(wi, sample2)
-        wo = frame.to_world(
-            dr.select(specular, mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2))
-        )
+        mirrored, scattered = mi.reflect(wi, normal), mi.warp.square_to_cosine_hemisphere(sample2)
+        wo = frame.to_world(dr.select(specular, mirrored, scattered))
         wo = mi.Vector3f(wo.x, wo.y, wo.z * flip)
         value, pdf = self._value_and_pdf(si, wo, active)
         sampled = dr.zeros(mi.BSDFSample3f)
         sampled.wo, sampled.pdf, sampled.eta = wo, pdf, 1.0
         sampled.sampled_component = dr.select(specular, mi.UInt32(1), mi.UInt32(0))
-        sampled.sampled_type = dr.select(
-            specular, mi.UInt32(+mi.BSDFFlags.GlossyReflection), mi.UInt32(+mi.BSDFFlags.DiffuseReflection)
-        )
+        kinds = mi.BSDFFlags.GlossyReflection, mi.BSDFFlags.DiffuseReflection
+        sampled.sampled_type = dr.select(specular, *(mi.UInt32(+kind) for kind in kinds))
         return sampled, dr.select(active & (pdf > 0), value / pdf, 0)
 
     def eval(self, ctx, si, wo, active=True):

@@ -49,26 +49,22 @@ def _finds_llvm() -> bool:
 
 
 def tamed(renders: np.ndarray) -> np.ndarray:
-    """Return the mean (..., 4) float64 of G renders (G, ..., 4) of radiance and coverage, rare bright samples
-    tamed.
+    """Return the mean (..., 4) float64 of G renders of radiance and coverage, bright outliers tamed.
 
     A value above three times the pixel's median over the renders plus 0.02 is scaled down to that.
     """
     brightness = renders[..., :3].max(axis=-1)
     limit = 3.0 * np.median(brightness, axis=0) + 0.02
     factor = np.minimum(1.0, limit / np.maximum(brightness, 1e-9))[..., None]
-    return np.concatenate([renders[..., :3] * factor, renders[..., 3:]], axis=-1).mean(
-        axis=0, dtype=np.float64
-    )
+    limited = np.concatenate([renders[..., :3] * factor, renders[..., 3:]], axis=-1)
+    return limited.mean(axis=0, dtype=np.float64)
 
 
 def environment_rows(radiance: np.ndarray) -> np.ndarray:
-    """Resample (H, W, 3) to 2H + 1 rows, (2H + 1, W, 3), so that Mitsuba's bilinear look-up is that of
-    `equirect`.
+    """Resample (H, W, 3) to (2H + 1, W, 3), so that Mitsuba looks up bilinearly as `equirect` does.
 
-    Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every texel
-    centre of ours is a row of its, those between are midpoints, also at the poles, beyond which a row goes on
-    half a turn away.
+    Mitsuba puts its first and last row on the poles. With rows at multiples of half a texel every row of our texel
+    centres is a row of Mitsuba's, and the rows between are midpoints; beyond a pole a row goes on half a turn away.
     """
     half = radiance.shape[1] // 2
     padded = np.concatenate([np.roll(radiance[:1], half, 1), radiance, np.roll(radiance[-1:], half, 1)])
@@ -91,17 +87,12 @@ class PathTracer:
 
         from lightprobe.render.gltf_bsdf import VARIANT
 
-        self._passes, self._seed, self._variant, self._mi = (
-            max(1, round(samples / _GROUPS)),
-            seed,
-            VARIANT,
-            mi,
-        )
+        self._passes = max(1, round(samples / _GROUPS))
+        self._seed, self._variant, self._mi = seed, VARIANT, mi
         with mi.scoped_set_variant(VARIANT):
             self._mesh = _mitsuba_mesh(mi, asset)
-            self._integrator = mi.load_dict(
-                {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
-            )
+            paths = {"type": "path", "max_depth": MAX_DEPTH, "rr_depth": 64, "hide_emitters": True}
+            self._integrator = mi.load_dict(paths)
         self._vertices = asset.mesh.vertices.detach().cpu().numpy()
         self._lit: tuple[Tensor, Any] | None = None  # the last light and its scene
 
@@ -118,11 +109,8 @@ class PathTracer:
             pixel = _framed(self._vertices, camera)
             for chosen in np.array_split(pixel, -(-len(pixel) // _RAYS)) if len(pixel) else ():
                 picture[chosen] = self._traced(scene, camera, chosen, rng)
-        image = (
-            torch.from_numpy(picture.astype(np.float32))
-            .reshape(camera.height, camera.width, 4)
-            .to(light.device)
-        )
+        image = torch.from_numpy(picture.astype(np.float32)).to(light.device)
+        image = image.reshape(camera.height, camera.width, 4)
         return image[..., :3], image[..., 3]
 
     def _traced(self, scene: Any, camera: Camera, pixel: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -136,10 +124,8 @@ class PathTracer:
                 rays = np.tile(pixel, count)
                 sampler.seed(int(rng.integers(2**31)), len(rays))
                 direction = _directions(camera, rays, rng)
-                ray = mi.RayDifferential3f(
-                    mi.Point3f(*camera.position.tolist()),
-                    mi.Vector3f(np.ascontiguousarray(direction.T, np.float32)),
-                )
+                towards = mi.Vector3f(np.ascontiguousarray(direction.T, np.float32))
+                ray = mi.RayDifferential3f(mi.Point3f(*camera.position.tolist()), towards)
                 radiance, hit, _ = self._integrator.sample(scene, sampler, ray)
                 values = np.concatenate([np.array(radiance).T, np.array(hit, np.float32)[:, None]], axis=1)
                 group += values.reshape(count, len(pixel), 4).sum(axis=0) / self._passes
@@ -151,11 +137,8 @@ class PathTracer:
             return self._lit[1]
         mi = self._mi
         radiance = equirect.from_cubemap(light.detach().float().cpu(), 2 * light.shape[1]).numpy()
-        environment = {
-            "type": "envmap",
-            "bitmap": mi.Bitmap(environment_rows(radiance)),
-            "to_world": mi.ScalarTransform4f(ENVIRONMENT_AXES),
-        }
+        bitmap, axes = mi.Bitmap(environment_rows(radiance)), mi.ScalarTransform4f(ENVIRONMENT_AXES)
+        environment = {"type": "envmap", "bitmap": bitmap, "to_world": axes}
         scene = mi.load_dict({"type": "scene", "object": self._mesh, "light": environment})
         self._lit = light, scene
         return scene
@@ -170,9 +153,7 @@ def _directions(camera: Camera, pixel: np.ndarray, rng: np.random.Generator) -> 
 
 
 def _framed(vertices: np.ndarray, camera: Camera) -> np.ndarray:
-    """Return the row-major pixels (P,) of the rectangle around the vertices, all when some are behind the
-    camera.
-    """
+    """Return the row-major pixels (P,) of the rectangle around the vertices; all if some are behind."""
     seen = camera.project(vertices)
     low, high = np.zeros(2), np.array([camera.width, camera.height], float)
     if (seen[:, 2] > 0).all():

@@ -1,9 +1,8 @@
 """The finished picture of an asset: several samples a pixel, and sharp shadows of suns.
 
-Phase I and the predictors look at one point of the surface per pixel. That is fast, and a picture would show
-it: a thin bar, a crease or the weave of a cloth breaks into steps, and a comparison with a photo would score
-the steps. Here the samples of a pixel are averaged as a camera's pixel averages its square, and the light is
-known, so that its suns are.
+Phase I and the predictors sample the surface once per pixel, so that a thin bar, a crease or the weave of a cloth
+breaks into steps, which a comparison with a photo would score. Here the samples of a pixel are averaged as a
+camera's pixel averages its square, and suns of the known light cast sharp shadows.
 
 A sample of the object takes some hundreds of bytes until it is a colour. Pictures of more than a million
 pixels are therefore made in bands of rows, one after the other, each anew for every call.
@@ -18,15 +17,9 @@ from torch.nn import functional
 
 from lightprobe.geometry.mesh import Mesh, edge_faces
 from lightprobe.light.prefilter import Prefilter
+from lightprobe.render import silhouette
 from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.gbuffer import GBuffer
-from lightprobe.render.silhouette import (
-    Crossings,
-    coverage,
-    outline_vertices,
-    silhouette_crossings,
-    spread_color,
-)
 from lightprobe.render.split_sum import Shading
 from lightprobe.render.suns import Suns, sharpened
 from lightprobe.render.surface import View
@@ -62,26 +55,26 @@ class Picture:
         return torch.cat(images), torch.cat(covers)
 
     def bands(self, lights: Sequence[Tensor]) -> Iterator[tuple[slice, list[tuple[Tensor, Tensor]]]]:
-        """Yield rows (h) of the picture from the top, and the image (h, W, 3) and coverage (h, W) under each
-        light.
+        """Yield rows (h) of the picture from the top, with image (h, W, 3) and coverage (h, W) per light.
 
-        What `render` returns of every light, without holding a picture of any as a whole.
+        Together the rows are what `render` returns; no whole picture is held in memory.
         """
-        height = self.camera.height
         if self.whole is not None:
-            yield slice(0, height), [self.whole.render(env) for env in lights]
+            yield slice(0, self.camera.height), [self.whole.render(env) for env in lights]
             return
-        step = max(1, _BAND // (SAMPLES**2 * self.camera.width))
-        for top in range(0, height, step):
-            bottom = min(top + step, height)
-            first, last = max(0, top - _RIM), min(height, bottom + _RIM)
-            camera = replace(self.camera, cy=self.camera.cy - first, height=last - first)
+        for rows, camera, inner in row_bands(self.camera):
             band = _Band.of(self.asset, camera, self.prefilter, self.device)
-            rows = slice(top - first, bottom - first)
-            yield (
-                slice(top, bottom),
-                [(image[rows], cover[rows]) for image, cover in map(band.render, lights)],
-            )
+            yield rows, [(image[inner], cover[inner]) for image, cover in map(band.render, lights)]
+
+
+def row_bands(camera: Camera) -> Iterator[tuple[slice, Camera, slice]]:
+    """Yield bands of rows of a large picture from the top, their cameras, which see a rim, too, and the rows within."""
+    step = max(1, _BAND // (SAMPLES**2 * camera.width))
+    for top in range(0, camera.height, step):
+        bottom = min(top + step, camera.height)
+        first, last = max(0, top - _RIM), min(camera.height, bottom + _RIM)
+        band = replace(camera, cy=camera.cy - first, height=last - first)
+        yield slice(top, bottom), band, slice(top - first, bottom - first)
 
 
 @dataclass(frozen=True)
@@ -92,7 +85,7 @@ class _Band:
     prefilter: Prefilter
     gbuffer: GBuffer  # of all samples
     shading: Shading
-    crossings: Crossings
+    crossings: silhouette.Crossings
     cover: Tensor  # (N,) coverage of all samples
 
     @staticmethod
@@ -102,9 +95,9 @@ class _Band:
         camera = camera.resized(SAMPLES * camera.width, SAMPLES * camera.height)
         gbuffer, view = rasterize_asset(asset, camera, device), View.of(camera, device)
         screen, faces = view.project(asset.mesh.vertices), asset.mesh.faces
-        edges = edge_faces(faces, outline_vertices(screen, faces))
-        crossings = silhouette_crossings(screen, faces, edges, gbuffer.pixel, view)
-        cover = coverage(gbuffer.pixel, crossings, view.height * view.width)
+        edges = edge_faces(faces, silhouette.outline_vertices(screen, faces))
+        crossings = silhouette.silhouette_crossings(screen, faces, edges, gbuffer.pixel, view)
+        cover = silhouette.coverage(gbuffer.pixel, crossings, view.height * view.width)
         return _Band(asset.mesh, prefilter, gbuffer, Shading.of(gbuffer, prefilter), crossings, cover)
 
     @torch.no_grad()
@@ -115,9 +108,8 @@ class _Band:
         if self.gbuffer.visibility is not None and len(suns.block) > 0:
             _, diffuse, _ = self.shading.factors
             radiance = (radiance + diffuse * sharpened(self.gbuffer, self.mesh, suns)).clamp(min=0)
-        image = spread_color(radiance, self.gbuffer.pixel, self.crossings, self.cover)
-        samples = torch.cat([image, self.cover[:, None]], 1).T.reshape(
-            1, 4, self.gbuffer.height, self.gbuffer.width
-        )
+        image = silhouette.spread_color(radiance, self.gbuffer.pixel, self.crossings, self.cover)
+        shape = 1, 4, self.gbuffer.height, self.gbuffer.width
+        samples = torch.cat([image, self.cover[:, None]], 1).T.reshape(shape)
         pixels = functional.avg_pool2d(samples, SAMPLES)[0].permute(1, 2, 0)
         return pixels[..., :3], pixels[..., 3]

@@ -42,9 +42,7 @@ def refit_contrast(transport: Transport, solved: LitPixels, observed: Tensor, cl
 
 
 def _least_squares(mean: Tensor, varying: Tensor, wanted: Tensor, weight: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the bounded factors of `mean`, (3,), and of `varying`, (), that come closest to `wanted`, all
-    (P, 3).
-    """
+    """Return the bounded factors of `mean`, (3,), and `varying`, (), that explain `wanted`, all (P, 3)."""
     mm, mv = (weight * mean.square()).sum(0).clamp(min=1e-12), (weight * mean * varying).sum(0)
     vv = (weight * varying.square()).sum(0) + 1e-4 * mm  # a constant light has no contrast to fit
     mt, vt = (weight * mean * wanted).sum(0), (weight * varying * wanted).sum(0) + 1e-4 * mm

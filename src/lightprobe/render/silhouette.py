@@ -27,21 +27,15 @@ class Crossings:
 
 
 def outline_vertices(screen: Tensor, faces: Tensor) -> Tensor:
-    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3) projected
-    vertices.
+    """Return (V,) bool, the vertices that an edge of the outline can have; `screen` (V, 3): projected.
 
-    Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them
-    of the vertex after it less the one before it is not zero. `edge_faces` of these alone is what an outline
-    needs.
+    Front- and back-facing triangles meet there, or the triangles around do not close: then the sum over them of
+    the vertex after it less the one before it is not zero.
     """
     f = faces.long()
     front = _facing(screen, faces)
-    ahead, back = (
-        torch.zeros(len(screen), dtype=torch.bool, device=screen.device).index_fill_(
-            0, f[side].reshape(-1), True
-        )
-        for side in (front, ~front)
-    )
+    none = torch.zeros(len(screen), dtype=torch.bool, device=screen.device)
+    ahead, back = (none.index_fill(0, f[side].reshape(-1), True) for side in (front, ~front))
     step = (f.roll(-1, 1) - f.roll(1, 1)).reshape(-1)
     sums = torch.zeros(len(screen), dtype=torch.long, device=screen.device).index_add_(0, f.reshape(-1), step)
     return (ahead & back) | (sums != 0)
@@ -93,10 +87,9 @@ def _axis_crossings(ends: Tensor, covered: Tensor, along: int) -> tuple[Tensor, 
 def silhouette_crossings(
     screen: Tensor, faces: Tensor, edges: EdgeFaces, pixel: Tensor, view: View
 ) -> Crossings:
-    """Return the outline's crossings; `screen` (V, 3) projected vertices, `pixel` (P,) those the rasteriser
-    covered.
+    """Return the outline's crossings; `screen` (V, 3): projected vertices, `pixel` (P,): covered ones.
 
-    edges: all of the mesh, or those of `outline_vertices`.
+    edges: of the whole mesh, or between `outline_vertices` alone.
     """
     covered = torch.zeros(view.height * view.width, dtype=torch.bool, device=screen.device)
     covered[pixel] = True

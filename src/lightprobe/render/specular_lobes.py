@@ -49,9 +49,8 @@ def specular_lobes(taps: tuple[Tensor, Tensor], roughness: Tensor, dielectric: T
     roughness (N,); dielectric (N,): the part of the dielectric's lobe as `dielectric_part` has it.
     """
     index, weight = taps
-    metal, change = weighted_gather(_table(weight.device, weight.dtype), index, weight).split(
-        3 * LOBES, dim=-1
-    )
+    looked_up = weighted_gather(_table(weight.device, weight.dtype), index, weight)
+    metal, change = looked_up.split(3 * LOBES, dim=-1)
     bend, factor, share = (metal + dielectric[:, None] * change).split(LOBES, dim=-1)
     return SpecularLobes(bend, roughness[:, None] * factor, share)
 
@@ -64,8 +63,7 @@ def dielectric_part(f0: Tensor, a: Tensor, b: Tensor) -> Tensor:
 
 @functools.lru_cache(maxsize=8)
 def _table(device: torch.device, dtype: torch.dtype) -> Tensor:
-    """Return the table (64 * 64, 12) for `brdf.view_taps`: the parameters at F0 = 1, their change to the
-    dielectric.
+    """Return the table (64 * 64, 12) of parameters at F0 = 1 and their change to the dielectric.
 
     The parameters are two bends, two factors on the roughness, two shares.
     """

@@ -1,5 +1,4 @@
-"""Split-sum shading: the light's two averages, by lobe and by cosine, times what the surface reflects of
-them.
+"""Split-sum shading: the light's averages by lobe and by cosine, times what the surface reflects.
 
     L = c_diff (1 - F0) (1 - C) * irradiance(n) / pi  +  (F0 A + B) * S
 
@@ -26,9 +25,7 @@ from lightprobe.render.visibility import PointVisibility
 
 @dataclass(frozen=True)
 class Reflectance:
-    """How P pixels reflect. The diffuse factor also carries the cosine's share of the specular lobe; all are
-    >= 0.
-    """
+    """How P pixels reflect, all >= 0; the diffuse factor also carries the specular lobe's cosine share."""
 
     specular: Tensor  # (P, 3) energy of the whole specular lobe
     share: Tensor  # (P, 1) of it that the sharp lobes carry
@@ -55,9 +52,7 @@ def reflectance(gbuffer: GBuffer) -> Reflectance:
 
 
 def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple[Tensor, Tensor]:
-    """Return index (P, 16) int32 and weight (P, 16) of the look-ups of the sharp lobes; weights sum to their
-    share.
-    """
+    """Return index (P, 16) int32 and weight (P, 16) of the sharp lobes' look-ups, summing to their share."""
     direction = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
     roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
     index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
@@ -66,7 +61,7 @@ def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple
 
 @dataclass(frozen=True)
 class Shading:
-    """All that P pixels' `shade` does not take from the light; no autograd."""
+    """All of P pixels' `shade` that does not depend on the light; no autograd."""
 
     taps: list[tuple[Tensor, Tensor]]  # of the specular lobe and, with nothing in the way, of the diffuse one
     factors: Tensor  # (2 or 3, P, 3) what is reflected of the specular, the diffuse and the bounced light
@@ -77,7 +72,7 @@ class Shading:
     @staticmethod
     @torch.no_grad()
     def of(gbuffer: GBuffer, prefilter: Prefilter) -> "Shading":
-        """Return it for all pixels of a G-buffer."""
+        """Return the factors and look-ups of all pixels of a G-buffer."""
         r = reflectance(gbuffer)
         taps, factors = [specular_taps(r, gbuffer.normal, prefilter)], [r.specular, r.diffuse]
         if gbuffer.visibility is None:
@@ -96,8 +91,7 @@ class Shading:
 
 
 def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
-    """Return outgoing radiance (P, 3), linear, of each pixel under prefiltered `levels` (T, 3) =
-    prefilter.apply(env).
+    """Return outgoing linear radiance (P, 3) under prefiltered `levels` (T, 3) = prefilter.apply(env).
 
     Differentiable in the G-buffer's normal, view, base colour, roughness and metallic and in the levels.
     """
@@ -119,12 +113,11 @@ def shade_under(gbuffer: GBuffer, light: Tensor) -> Tensor:
 
 
 def occlude(gbuffer: GBuffer, r: Reflectance, opened: Tensor) -> tuple[Tensor, Tensor]:
-    """Return the open share (P, 1) of the specular lobe, and what a pixel reflects (P, 3) of the light around
-    it.
+    """Return the open share (P, 1) of the specular lobe, and the light (P, 3) off what blocks the rest.
 
-    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. The
-    second is what comes by way of the surfaces in the way: they have the mean base colour of what blocks it,
-    and are taken to stand in the mean light of its open directions.
+    The lobe is as open as its axis for a mirror, as the cosine's hemisphere, `opened` (P,), when matte. Blocking
+    surfaces have the mean base colour of all blockers, and are taken to stand in the mean light of the pixel's
+    open directions.
     """
     if gbuffer.visibility is None:
         raise ValueError("The G-buffer has no visibility.")

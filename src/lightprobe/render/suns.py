@@ -1,9 +1,9 @@
 """Sharp shadows of what is small and bright in a known light.
 
-`render.visibility` knows the object's own shadows per vertex and in directions of eleven degrees, which is
-what an unknown light can use. A picture under a known sun would show it: the shadow lies where that of the
-middle of its block would, and blurs from vertex to vertex. So what stands out of its block of the light is
-taken for a sun, and every pixel asks a depth map made from where it stands.
+`render.visibility` knows the object's own shadows per vertex and in directions of eleven degrees, which suits an
+unknown light. Under a known sun a shadow would lie where the middle of the sun's block throws it, and blur from
+vertex to vertex. So light that stands out of its block is taken for a sun, and every pixel is looked up in a depth
+map made from the sun's direction.
 """
 
 from collections.abc import Sequence
@@ -39,9 +39,8 @@ class Suns:
         """Return the suns of a light (6, R, R, 3)."""
         resolution = env.shape[1]
         if resolution < _SMALLEST:
-            return Suns(
-                env.new_zeros(0, 3), env.new_zeros(0, 3), torch.zeros(0, dtype=torch.long, device=env.device)
-            )
+            none = env.new_zeros(0, 3)
+            return Suns(none, none, torch.zeros(0, dtype=torch.long, device=env.device))
         light, direction = (_by_block(t) for t in (env, cubemap.directions(resolution, env.device)))
         angle = _by_block(cubemap.solid_angles(resolution, env.device)[..., None])
         brightness = light.mean(-1, keepdim=True)
@@ -65,11 +64,9 @@ def _by_block(texels: Tensor) -> Tensor:
 def sharpened(
     gbuffer: GBuffer, mesh: Mesh, suns: Suns, others: Sequence[tuple[Tensor, Tensor]] = ()
 ) -> Tensor:
-    """Return by how much the diffuse light (P, 3) of `PointVisibility.light` changes when suns cast sharp
-    shadows.
+    """Return by how much sharp shadows of suns change the diffuse light (P, 3) of `PointVisibility.light`.
 
-    others: vertices (V, 3) and faces (F, 3) of what else casts shadows, known to the G-buffer's visibility as
-    well.
+    others: vertices (V, 3), faces (F, 3) of further meshes that cast shadows; the G-buffer's visibility has them.
     """
     if gbuffer.visibility is None:
         raise ValueError("The G-buffer has no visibility.")

@@ -39,19 +39,12 @@ class View:
         x, y, z = ((points - self.position) @ self.rotation).unbind(1)
         depth = -z
         inverse = 1 / torch.where(depth.abs() < 1e-6, torch.full_like(depth, 1e-6), depth)
-        return torch.stack(
-            [
-                self.center[0] + self.focal[0] * x * inverse,
-                self.center[1] - self.focal[1] * y * inverse,
-                depth,
-            ],
-            1,
-        )
+        column = self.center[0] + self.focal[0] * x * inverse
+        row = self.center[1] - self.focal[1] * y * inverse
+        return torch.stack([column, row, depth], 1)
 
     def rays(self, pixel: Tensor) -> Tensor:
-        """Return ray directions (P, 3) in world axes through pixel centres, not normalised; `pixel` is
-        row-major.
-        """
+        """Return ray directions (P, 3) in world axes through centres of row-major pixels, not normalised."""
         row = torch.div(pixel, self.width, rounding_mode="floor")
         x, y = (place.to(self.focal.dtype) + 0.5 for place in (pixel % self.width, row))
         x, y = (x - self.center[0]) / self.focal[0], -(y - self.center[1]) / self.focal[1]
@@ -78,8 +71,7 @@ class Surface:
 
 
 def visible_surface(vertices: Tensor, faces: Tensor, view: View, screen: Tensor | None = None) -> Surface:
-    """Return the surface of a mesh (V, 3), (F, 3) seen by `view`; differentiable in the vertices, not in
-    visibility.
+    """Return the visible surface of a mesh (V, 3), (F, 3); differentiable in the vertices, not in visibility.
 
     screen (V, 3): `view.project(vertices)`, where the caller has it.
     """

@@ -1,6 +1,7 @@
 """Pixels' look-ups in the levels of a prefiltered light, as one linear map of the light and its transpose."""
 
 import functools
+from typing import Self
 
 import numpy as np
 import scipy.sparse
@@ -11,52 +12,20 @@ from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light.prefilter import Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 
-Taps = list[
-    tuple[Tensor, Tensor]
-]  # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
-
-
-class SparseTaps:
-    """A CPU's look-ups in a light's levels: only texels that somebody looks up are prefiltered."""
-
-    def __init__(self, taps: Taps, prefilter: Prefilter):
-        """Take the look-ups in the levels of `prefilter`."""
-        self._taps, self._prefilter = taps, prefilter
-
-    def select(self, rows: Tensor) -> "SparseTaps":
-        """Return the look-ups of the pixels at `rows` (K,)."""
-        return SparseTaps(_selected(self._taps, rows), self._prefilter)
-
-    @functools.cached_property
-    def _operators(self) -> tuple[PrefilterPart, SparseOperator]:
-        """The levels that are looked up, and the look-ups; made for those who apply it, not for those who
-        select.
-        """
-        used, matrix = _tap_matrix(self._taps, self._prefilter.total)
-        return PrefilterPart(self._prefilter, used), SparseOperator.build(matrix)
-
-    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
-        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
-        part, taps = self._operators
-        levels = part.apply(env)
-        return taps.apply(levels[: part.first_block]), levels[part.first_block :]
-
-    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
-        """Return the transpose of `apply`, (6, R, R, 3)."""
-        part, taps = self._operators
-        return part.adjoint(torch.cat([taps.adjoint(lobes), blocks]))
+# look-ups of index (P, K) and weight (P, K); their rows stand one below the other
+Taps = list[tuple[Tensor, Tensor]]
 
 
 class GatheredTaps:
-    """The same on a GPU, where finding out which texels these are would take longer than they do."""
+    """Look-ups in all levels of a prefiltered light: for a GPU."""
 
     def __init__(self, taps: Taps, prefilter: Prefilter):
         """Take the look-ups in the levels of `prefilter`."""
         self._taps, self._prefilter = taps, prefilter
 
-    def select(self, rows: Tensor) -> "GatheredTaps":
+    def select(self, rows: Tensor) -> Self:
         """Return the look-ups of the pixels at `rows` (K,)."""
-        return GatheredTaps(_selected(self._taps, rows), self._prefilter)
+        return type(self)([(index[rows], weight[rows]) for index, weight in self._taps], self._prefilter)
 
     def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
         """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
@@ -72,19 +41,34 @@ class GatheredTaps:
         return self._prefilter.adjoint(torch.cat([levels, blocks]))
 
 
-def _selected(taps: Taps, rows: Tensor) -> Taps:
-    return [(index[rows], weight[rows]) for index, weight in taps]
+class SparseTaps(GatheredTaps):
+    """Look-ups in only the needed texels of the levels: for a CPU; finding them would take a GPU longer."""
+
+    @functools.cached_property
+    def _operators(self) -> tuple[PrefilterPart, SparseOperator]:
+        """The levels that are looked up, and the look-ups; made at the first application."""
+        used, matrix = _tap_matrix(self._taps, self._prefilter.total)
+        return PrefilterPart(self._prefilter, used), SparseOperator.build(matrix)
+
+    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
+        part, taps = self._operators
+        levels = part.apply(env)
+        return taps.apply(levels[: part.first_block]), levels[part.first_block :]
+
+    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3)."""
+        part, taps = self._operators
+        return part.adjoint(torch.cat([taps.adjoint(lobes), blocks]))
 
 
-def look_up(device: torch.device) -> type[SparseTaps] | type[GatheredTaps]:
+def look_up(device: torch.device) -> type[GatheredTaps]:
     """Return the class of look-ups for a device."""
     return SparseTaps if device.type == "cpu" else GatheredTaps
 
 
 def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:
-    """Return which of `count` levels' texels are looked up (U,) int64, and the look-ups as a matrix (rows,
-    U).
-    """
+    """Return the looked-up texels (U,) int64 among `count`, and the look-ups as a matrix (rows, U)."""
     index = np.concatenate([index.numpy().ravel() for index, _ in taps])
     weight = np.concatenate([weight.numpy().ravel() for _, weight in taps])
     lengths = np.repeat([index.shape[1] for index, _ in taps], [len(index) for index, _ in taps])
@@ -92,10 +76,7 @@ def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]
     looked_up = np.zeros(count, bool)
     looked_up[index[filled]] = True
     place = np.cumsum(looked_up) - 1
-    # Texels that only weightless taps name get some place; it does not matter which.
-    start = np.concatenate([[0], np.cumsum(lengths)])
+    column = np.where(filled, place[index], 0)  # taps without weight get any column
     used = np.flatnonzero(looked_up)
-    column = np.where(filled, place[index], 0)
-    return torch.from_numpy(used), scipy.sparse.csr_array(
-        (weight, column, start), shape=(len(lengths), len(used))
-    )
+    entries = weight, column, np.concatenate([[0], np.cumsum(lengths)])
+    return torch.from_numpy(used), scipy.sparse.csr_array(entries, shape=(len(lengths), len(used)))

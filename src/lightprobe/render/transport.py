@@ -22,10 +22,7 @@ from lightprobe.render.taps import look_up
 
 _TINY = 1e-30  # keeps a division by nothing finite
 _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
-_FIRST_TRIAL, _LEAST_TRIAL = (
-    4.0,
-    0.5,
-)  # steps along a direction before the line search; 1 is safe, 4 still common
+_FIRST_TRIAL, _LEAST_TRIAL = 4.0, 0.5  # steps before the line search; 1 is safe, 4 still common
 
 
 @dataclass(frozen=True)
@@ -37,9 +34,7 @@ class LitPixels:
 
 
 class Transport:
-    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of the chosen pixels; no
-    autograd.
-    """
+    """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of pixels; no autograd."""
 
     @torch.no_grad()
     def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
@@ -57,12 +52,12 @@ class Transport:
         part._normal, part._factors = self._normal[rows], self._factors[:, rows]
         part._visibility = None if self._visibility is None else self._visibility.select(rows)
         part._looked_up = self._looked_up.select(rows)
-        part.__dict__.pop("white", None)  # that of all pixels
+        part.__dict__.pop("white", None)  # the cached value is of all pixels
         return part
 
     @functools.cached_property
     def white(self) -> Tensor:
-        """The radiance (P, 3) under a light of 1 everywhere: that of a constant one is its colour times this."""
+        """The radiance (P, 3) under a light of 1 everywhere; a constant light's is its colour times this."""
         return self.apply(torch.ones(6, self.resolution, self.resolution, 3, device=self._normal.device))
 
     def lit(self, env: Tensor) -> LitPixels:
@@ -99,8 +94,7 @@ def solve_light(
     start: LitPixels | None = None,
     chroma: float = 0.0,
 ) -> LitPixels:
-    """Return the light E (6, R, R, 3) >= 0 that explains the photo best while staying near `prior`;
-    deterministic.
+    """Return the light E (6, R, R, 3) >= 0 that explains the photo and stays near `prior`; deterministic.
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
 
@@ -115,8 +109,7 @@ def solve_light(
     Conjugate gradients on the texels off the bound. A trial step along the direction is projected to E >= 0,
     and an exact line search follows between the light and the projected point: all of that segment is valid,
     so an iteration costs one application and one adjoint. The preconditioner M is the majorant of the Hessian
-    that comes free with A >= 0 (`_Problem`). `start` (default: the prior) warms up the search. The light
-    comes with A E, which is known by then.
+    that comes free with A >= 0 (`_Problem`). The search begins at `start`, by default at the prior.
     """
     state = start or transport.lit(prior)
     coupling = _ChannelCoupling.of(state.light, prior, chroma)
@@ -144,9 +137,7 @@ def _conjugate(
     direction: Tensor | None,
     previous: tuple[Tensor, Tensor] | None,
 ) -> Tensor:
-    """Return the next search direction (Polak and Ribiere, never a negative share, restarted when it points
-    uphill).
-    """
+    """Return the next search direction (Polak and Ribiere, share >= 0, restarted when it points uphill)."""
     if direction is None or previous is None:
         return -scaled
     old_gradient, old_product = previous
@@ -157,8 +148,7 @@ def _conjugate(
 
 @dataclass(frozen=True)
 class _ChannelCoupling:
-    """The last term of `solve_light` but for gain^2 and solid angle: chroma g^2 |U - mean_c U|^2 / (1 + u), U
-    = E / m.
+    """The last term of `solve_light`: chroma g^2 |U - mean_c U|^2 / (1 + u), U = E / m.
 
     m is the mean colour of the prior, g the mean of its channels, and u the mean of U over channels in the
     light that the search starts from: bright places may be coloured, too. Lights differ far more in
@@ -172,7 +162,7 @@ class _ChannelCoupling:
 
     @staticmethod
     def of(light: Tensor, prior: Tensor, chroma: float) -> "_ChannelCoupling | None":
-        """Return it for a search that starts from `light` (6, R, R, 3), or None where it weighs nothing."""
+        """Return the term for a search that starts from `light` (6, R, R, 3), None where it weighs nothing."""
         if chroma == 0:
             return None
         mean = prior.mean((0, 1, 2))
@@ -239,9 +229,8 @@ class _Problem:
         if coupling is not None:
             coupling = coupling.weighted(unit)
             majorant = majorant + coupling.majorant()
-        return _Problem(
-            transport, observed, weight, clipped, prior, stiffness, majorant.clamp(min=_TINY), coupling
-        )
+        majorant = majorant.clamp(min=_TINY)
+        return _Problem(transport, observed, weight, clipped, prior, stiffness, majorant, coupling)
 
     def residual(self, render: Tensor) -> Tensor:
         """Return render - observed, zero where a clipped pixel is rendered brighter."""
@@ -254,8 +243,7 @@ class _Problem:
         return gradient if self.coupling is None else gradient + self.coupling.gradient(state.light)
 
     def step(self, state: LitPixels, move: Tensor, gradient: Tensor) -> tuple[LitPixels, Tensor]:
-        """Return the best state between the present one and `move` away, and which share () of the move that
-        is.
+        """Return the best state between the present one and `move` away, and its share () of the move.
 
         Exact while no clipped pixel changes sides on the way.
         """

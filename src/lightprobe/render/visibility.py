@@ -1,8 +1,7 @@
-"""Visibility of the environment from a surface: which directions the object itself occludes, and of what
-colour it is.
+"""Visibility of the environment from a surface: the directions that the object occludes, and its colour.
 
-It depends on the shape alone, and is known before any light. Per vertex it is found by
-`render.vertex_visibility`; here it is interpolated at the pixels of a view.
+It depends on the shape alone, and is known before any light. It is found at vertices or other points of the surface,
+from a depth map for each direction, and interpolated at the pixels of a view.
 """
 
 import functools
@@ -12,24 +11,29 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.kernels import occluded_light, occluded_light_adjoint, values_at, weighted_gather
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
+from lightprobe.render.depth_maps import DepthMaps, frames
+
+SIDE = 512  # pixels of a depth map
+_HORIZON = -0.2  # directions further below a vertex's horizon are blocked, whatever the depth map says
 
 
 @dataclass(frozen=True)
 class VertexVisibility:
     """Visibility from V vertices."""
 
-    unoccluded: Tensor  # (V, 384) uint8, the share of each of 6 x 8 x 8 cubemap directions that is not occluded, 0 to 255
+    unoccluded: Tensor  # (V, 384) uint8, the open share of each of 6 x 8 x 8 cubemap directions, 0 to 255
     occluder_color: Tensor  # (V, 3) linear mean base colour of the occluders, weighted by cosine
 
     def to(self, device: torch.device) -> "VertexVisibility":
-        """Return it on another device."""
+        """Return the visibility on another device."""
         return VertexVisibility(self.unoccluded.to(device), self.occluder_color.to(device))
 
     def brightened(self, factor: float) -> "VertexVisibility":
-        """Return it with the occluders' base colours times `factor`."""
+        """Return the visibility with the occluders' base colours times `factor`."""
         return VertexVisibility(self.unoccluded, (self.occluder_color * factor).clamp(max=1))
 
 
@@ -43,7 +47,7 @@ class PointVisibility:
 
     @staticmethod
     def of(vertices: VertexVisibility, faces: Tensor, face: Tensor, barycentric: Tensor) -> "PointVisibility":
-        """Return it at points of a mesh with `faces` (F, 3), by face (P,) and barycentric coordinates (P, 3)."""
+        """Return the visibility at points of `faces` (F, 3), by face (P,) and barycentric coordinates (P, 3)."""
         return PointVisibility(vertices, faces[face], barycentric.detach())
 
     def select(self, rows: Tensor) -> "PointVisibility":
@@ -57,27 +61,19 @@ class PointVisibility:
         return PointVisibility(parts[0].vertices, index, weight)
 
     def brightened(self, factor: float) -> "PointVisibility":
-        """Return it with base colours times `factor`."""
+        """Return the visibility with base colours times `factor`."""
         return PointVisibility(self.vertices.brightened(factor), self.index, self.weight)
 
     def light(self, blocks: Tensor, normal: Tensor) -> Tensor:
-        """Return `kernels.occluded_light` (P, 7) of the light `blocks` (384, 3), its average over each
-        direction.
-        """
-        directions, angles = _sphere(blocks.device, blocks.dtype)
-        return occluded_light(
-            blocks, normal, self.vertices.unoccluded, self.index, self.weight, directions, angles
-        )
+        """Return `kernels.occluded_light` (P, 7) of `blocks` (384, 3), a light's averages by direction."""
+        points = normal, self.vertices.unoccluded, self.index, self.weight
+        return occluded_light(blocks, *points, *_sphere(blocks.device, blocks.dtype))
 
     def adjoint(self, diffuse: Tensor, ambient: Tensor, normal: Tensor) -> Tensor:
-        """Return the transpose of the first six columns of `light`, (384, 3), on (P, 3) each; not
-        differentiable.
-        """
-        directions, angles = _sphere(diffuse.device, diffuse.dtype)
+        """Return the transpose of `light`'s first six columns, (384, 3), on (P, 3) each; no gradient."""
+        points = normal, self.vertices.unoccluded, self.index, self.weight
         arriving = torch.cat([diffuse, ambient], 1)
-        return occluded_light_adjoint(
-            arriving, normal, self.vertices.unoccluded, self.index, self.weight, directions, angles
-        )
+        return occluded_light_adjoint(arriving, *points, *_sphere(diffuse.device, diffuse.dtype))
 
     def share(self, normal: Tensor) -> Tensor:
         """Return the open share (P,) of the hemisphere around `normal` (P, 3), weighted by the cosine."""
@@ -94,6 +90,51 @@ class PointVisibility:
         rows = self.index.long()[:, :, None] * table.shape[1] + texel.long()[:, None, :]
         weight = self.weight[:, :, None] * share[:, None, :] / 255
         return (values_at(table.reshape(-1), rows) * weight).sum((1, 2))
+
+
+def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
+    """Return what the vertices (V, 3) of a mesh with base colours (F, 3) see; `side`: pixels of a depth map.
+
+    Where nothing is blocked, the mean colour stands for the blockers', to no effect.
+    """
+    return point_visibility(vertices, faces, colors, vertices, vertex_normals(vertices, faces), side)
+
+
+@torch.no_grad()
+def point_visibility(
+    vertices: Tensor,
+    faces: Tensor,
+    colors: Tensor,
+    points: Tensor,
+    normals: Tensor,
+    side: int = SIDE,
+    *,
+    asked: Tensor | None = None,
+) -> VertexVisibility:
+    """Return what surface points (P, 3) with unit normals (P, 3) see past a mesh, their own or another.
+
+    vertices (V, 3), about the origin, faces (F, 3) and base colours (F, 3): the mesh; `side`: pixels of a depth
+    map, of which there is one for each direction. asked (384,) bool: directions in which the mesh can be in the
+    way, by default all.
+    """
+    maps = DepthMaps.of(vertices, faces, points, normals, side)
+    directions = cubemap.directions(BLOCKS, vertices.device).reshape(-1, 3)
+    cosine = directions @ normals.T
+    weight = cosine.clamp(min=0) * cubemap.solid_angles(BLOCKS, vertices.device).reshape(-1, 1)
+    table = torch.zeros(cosine.shape, dtype=torch.uint8, device=vertices.device)
+    # A trace of the mean colour stands for blockers that are not there.
+    total, reflected = torch.full_like(points[:, :1], 1e-6), 1e-6 * colors.mean(0).expand_as(points)
+    for k, axes in enumerate(frames(directions)):
+        if asked is not None and not asked[k]:
+            table[k] = 255 * (cosine[k] > _HORIZON)
+            continue
+        lit, blocker = maps.visibility(axes)
+        lit = torch.where(cosine[k] > _HORIZON, lit, 0.0)
+        table[k] = (255 * lit).round().to(torch.uint8)
+        blocked = (weight[k] * (1 - lit) * (blocker >= 0))[:, None]
+        total += blocked
+        reflected = torch.addcmul(reflected, blocked, colors.index_select(0, blocker.clamp(min=0)))
+    return VertexVisibility(table.T.contiguous(), reflected / total)
 
 
 def ambient_occlusion(vertices: VertexVisibility, normals: Tensor) -> Tensor:

@@ -14,6 +14,8 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_memory
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
+from lightprobe.imaging import check_room
+from lightprobe.insertion import LayerFiles, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.light.environment import Environment
 from lightprobe.runs.light_files import tell_of_scale, whole_light
 from lightprobe.runs.loaded import LoadedRun
@@ -71,9 +73,9 @@ def insert_object(
     refuse_replacing(
         vars(files).values(), [image, given, Path(thing), *(Path(path) for path in (env, camera) if path)]
     )
-    wish = Wish(at, scale, turn)
+    wish = Placement(at, scale, turn)
     wish.check()
-    found, folder, where = load_thing(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
+    found, folder, where = load_virtual_object(Path(thing)), RunFolder.open(Path(run)), resolve_device(device)
     light = None if env is None else whole_light(Path(env), where)
     if camera is None:
         read_record(folder)  # it has the cameras

@@ -12,7 +12,7 @@ from lightprobe.core.files import filled_folder, holds_files, named_file, refuse
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
-from lightprobe.export.blender import write_addon
+from lightprobe.export.bundle import write_addon
 from lightprobe.export.usd import check_usd
 from lightprobe.models import Decomposition
 from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light

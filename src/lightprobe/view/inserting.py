@@ -9,8 +9,7 @@ from typing import Any
 from lightprobe.core.files import read_json
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr, read_mask
-from lightprobe.insertion import PhotoView, Wish, insert, load_thing
-from lightprobe.insertion.layers import LayerFiles
+from lightprobe.insertion import LayerFiles, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.light.environment import Environment
 from lightprobe.runs.insertion import doubt_about_up
 from lightprobe.runs.loaded import LoadedRuns
@@ -37,13 +36,16 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
     tell("loading the object")
     run = RunFolder.open(Path(request["run"]))
     decomposition = models.get(run).predictor.decomposition
-    thing, light = load_thing(Path(request["upload"])), Environment.load(prediction / MAP, models.device)
+    thing, light = (
+        load_virtual_object(Path(request["upload"])),
+        Environment.load(prediction / MAP, models.device),
+    )
     camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
     at = request["at"]
     place = None if at is None else (at[0] * camera.width, at[1] * camera.height)
     tell("putting it into the photo")
-    made = insert(decomposition, light, photo, thing, Wish(place, request["scale"], request["turn"]))
+    made = insert(decomposition, light, photo, thing, Placement(place, request["scale"], request["turn"]))
     made.write(LayerFiles.of(folder / PICTURE))
     return {
         "files": [{"name": name, "title": title} for name, title in _TITLES.items()],

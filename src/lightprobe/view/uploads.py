@@ -16,7 +16,7 @@ from starlette.requests import Request
 
 from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.imaging import image_size, is_video
-from lightprobe.insertion import load_thing
+from lightprobe.insertion import load_virtual_object
 from lightprobe.light.environment import read_map
 from lightprobe.service.errors import MIB
 from lightprobe.service.incoming import photo_suffix, renamed, shown_name, stream_to
@@ -105,7 +105,7 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
             read_map(path)
             return path
         path = path.rename(path.with_suffix(".glb"))
-        load_thing(path)
+        load_virtual_object(path)
         return path
     except LightprobeError as error:
         path.unlink(missing_ok=True)

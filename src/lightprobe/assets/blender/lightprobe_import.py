@@ -1,5 +1,4 @@
-"""Blender add-on: the object of `lightprobe export` and a light of `lightprobe predict`, as mesh, world and
-sun lamps.
+"""Blender add-on: an object of `lightprobe export` and a light of `lightprobe predict`, with sun lamps.
 
 Install it with Edit > Preferences > Add-ons > Install from Disk; it is then in File > Import > lightprobe. It
 also runs as a module of Blender's own Python:
@@ -46,10 +45,10 @@ class LightFileError(Exception):
 def import_object(path: Path | str) -> list[Any]:
     """Import a GLB file and return its objects, their materials with glTF's own reflection.
 
-    Blender's importer leaves its default, which adds light scattered many times between the grains of rough
-    surfaces. glTF's material has none of it, nor has the one that lightprobe fitted to the photos: rough gold
-    would be brighter. Suns are taken as bright as the file has them, in the unit of the maps; by default the
-    importer takes them for lux and divides them by 683.
+    Blender's importer leaves its default distribution, which adds light scattered many times between the grains of
+    rough surfaces. Neither glTF's material nor lightprobe's fit to the photos has that light: rough gold would be
+    brighter. Suns are as bright as in the file, in the unit of the maps; by default the importer takes their
+    intensity for lux and divides by 683.
     """
     before = set(bpy.data.objects)
     bpy.ops.import_scene.gltf(filepath=str(path), export_import_convert_lighting_mode="COMPAT")
@@ -147,9 +146,7 @@ def _add_lamp(lamp: dict[str, Any], index: int) -> Any:
 
 
 def _collection() -> Any:
-    """Return the present scene's collection of lamps; another scene of the file has its own, which stays as
-    it is.
-    """
+    """Return the present scene's collection of lamps; other scenes keep their own."""
     root = bpy.context.scene.collection
     found = next((one for one in root.children_recursive if one.get(_OWN) or one.name == _NAME), None)
     if found is None:
@@ -167,14 +164,10 @@ def set_plain_colors() -> None:
 
 
 def light_of(mesh: Path) -> Path | None:
-    """Return the map that belongs to an exported mesh: light.exr or .hdr beside it, else the first one in
-    env/.
-    """
+    """Return the map of an exported mesh: light.exr or .hdr beside it, else the first one in env/."""
     beside = [mesh.with_name(f"light{suffix}") for suffix in _MAPS]
     folder = mesh.parent / "env"
-    stored = (
-        sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS) if folder.is_dir() else []
-    )
+    stored = sorted(path for path in folder.glob("*") if path.suffix.lower() in _MAPS)
     return next((path for path in (*beside, *stored) if path.is_file()), None)
 
 
@@ -201,9 +194,8 @@ class LIGHTPROBE_OT_import(bpy.types.Operator, ImportHelper):  # noqa: N801 (as 
 
     def execute(self, context: Any) -> set[str]:
         """Import the chosen files."""
-        chosen = [Path(self.directory, item.name) for item in self.files if item.name] or [
-            Path(self.filepath)
-        ]
+        named = [Path(self.directory, item.name) for item in self.files if item.name]
+        chosen = named or [Path(self.filepath)]
         meshes = [path for path in chosen if path.suffix.lower() == ".glb"]
         maps = [path for path in chosen if path.suffix.lower() in _MAPS]
         if self.with_light and meshes and not maps:

@@ -1,3 +1,1 @@
-"""Numba bodies for float32 tensors on the CPU. Tensors in, tensors out, validated by the public modules
-above.
-"""
+"""Numba backend for float32 tensors on the CPU; the public modules above have checked the tensors."""

@@ -1,49 +1,21 @@
-"""Numba body of the culled stacking; symbols as in `lightprobe.kernels.culled_stacking` and `lobe_frames`.
+"""Numba loops of the culled stacking; symbols as in `lightprobe.kernels.culled_stacking`.
 
 A thread takes a root of the tree with all its tiles, so no two write to the same place.
 """
 
-import math
-
 import numpy as np
-import torch
 from numba import prange
-from torch import Tensor
 
-from lightprobe.core.jit import arrays, compiled, threads
-from lightprobe.kernels.culled_stacking import NODES, SEPARATION, TileTree
-from lightprobe.kernels.lobe_frames import lobe_frames
+from lightprobe.core.jit import compiled
+from lightprobe.kernels.culled_stacking import NODES, SEPARATION
 from lightprobe.kernels.numba.stacking import FUSED, ZERO, components, lobe, pixel_frame
 
-HONEST = FUSED - {
-    "nnan",
-    "ninf",
-}  # comparisons with NaN are false, so that a broken pixel goes down to all texels
-STEPS_PER_PIXEL = 20_000  # nanoseconds or so, with all roots
-
-
-def stack(
-    colors: Tensor, normals: Tensor, views: Tensor, alpha2: Tensor, tree: TileTree
-) -> tuple[Tensor, Tensor]:
-    """Return radiance (M, 3) and weight (M,)."""
-    scale = alpha2[:, None] / math.pi
-    factors = torch.cat([scale, scale * colors], dim=1)
-    weight, radiance = colors.new_empty(tree.texels.size), colors.new_empty(tree.texels.size, 3)
-    threads(len(colors) * STEPS_PER_PIXEL)
-    _stack(
-        *arrays(lobe_frames(normals, views, alpha2), factors),
-        tree.bounds,
-        tree.maps,
-        tree.texels,
-        tree.tiles.copy(),
-        weight.numpy(),
-        radiance.numpy(),
-    )
-    return radiance, weight
+HONEST = FUSED - {"nnan", "ninf"}  # comparisons with NaN are false: a broken pixel goes down to all texels
 
 
 @compiled(parallel=True, fastmath=HONEST)
-def _stack(frame, factors, bounds, maps, texels, tiles, weight, radiance):
+def stack(frame, factors, bounds, maps, texels, tiles, weight, radiance):
+    """Fill weight (M,) and radiance (M, 3) from frames (N, 13) and factors (N, 4); `tiles` is overwritten."""
     for root in prange(tiles.shape[0]):
         todo = np.empty(64, np.int32)
         for p in range(frame.shape[0]):
@@ -110,7 +82,7 @@ def _hand_down(maps, tiles):
 
 @compiled(fastmath=FUSED)
 def _write(tiles, texels, weight, radiance):
-    """Write the sums of the last tiles to their texels, those of the colours divided by W."""
+    """Write the sums of the last tiles to their texels, with colours divided by W."""
     first_leaf = tiles.shape[0] // 4
     for leaf in range(texels.shape[0]):
         for j in range(NODES):

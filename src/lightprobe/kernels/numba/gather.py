@@ -1,4 +1,4 @@
-"""Numba body of the row gathers; symbols as in `lightprobe.kernels.gather`.
+"""Numba backend of the row gathers; symbols as in `lightprobe.kernels.gather`.
 
 The scatters run on one thread, in index order: that is limited by memory, repeatable without care, and
 measured faster than dealing the rows out to two threads, which each have to read the whole index and skip

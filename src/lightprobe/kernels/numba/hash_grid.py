@@ -1,4 +1,4 @@
-"""Numba body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
+"""Numba backend of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
 Forward goes level by level, so that one level's table stays in the cache, with the points shared among
 threads. Backward to the table shares out the levels: no two threads add to one table, and each sum runs in
@@ -63,9 +63,8 @@ def _encode(points, table, cells, workers, out):
     share = (points.shape[0] + workers - 1) // workers
     for worker in prange(workers):
         for level in range(table.shape[0]):
-            _encode_level(
-                points, table, cells, level, worker * share, min(points.shape[0], (worker + 1) * share), out
-            )
+            begin, end = worker * share, min(points.shape[0], (worker + 1) * share)
+            _encode_level(points, table, cells, level, begin, end, out)
 
 
 @compiled()

@@ -1,33 +1,15 @@
-"""Numba body of the lobes' rows; symbols as in `lightprobe.kernels.lobe_rows`. Rows are counted, then
-written.
-"""
+"""Numba loops of the lobes' rows; symbols as in `lightprobe.kernels.lobe_rows`. Rows are counted, then written."""
 
 import math
 
 import numpy as np
 from numba import prange
 
-from lightprobe.core.jit import compiled, threads
+from lightprobe.core.jit import compiled
 from lightprobe.kernels.lobe_rows import ROOT
 
 GAUSS = 1.0 / math.sqrt(3.0)
 DEEPEST = 160  # squares that wait to be looked at; a lobe without width would go down for ever
-STEPS_PER_ROW = 10_000  # nanoseconds or so
-
-
-def refine(
-    directions: np.ndarray, frames: np.ndarray, alpha: float, total: float, resolution: int, tolerance: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return start (N + 1,), node (entries,) and weight (entries,)."""
-    lobe = (alpha, total, resolution, tolerance)
-    threads(STEPS_PER_ROW * len(directions))
-    counts = np.zeros(len(directions), np.int64)
-    nothing = np.zeros(0, np.int32), np.zeros(0)
-    _refine(directions, frames, lobe, np.zeros_like(counts), counts, *nothing, False)
-    start = np.concatenate([[0], np.cumsum(counts)])
-    index, weight = np.empty(start[-1], np.int32), np.empty(start[-1])
-    _refine(directions, frames, lobe, start[:-1], counts, index, weight, True)
-    return start, index, weight
 
 
 @compiled()
@@ -45,9 +27,7 @@ def _pyramid_offset(size):
 
 @compiled()
 def _chord2(frame, direction, a, b):
-    """Return the squared chord from `direction` to the face point (a, b), and that point's distance from the
-    origin.
-    """
+    """Return the squared chord from `direction` to the face point (a, b), and the point's distance from 0."""
     length = math.sqrt(1.0 + a * a + b * b)
     chord2 = 0.0
     for axis in range(3):
@@ -82,8 +62,7 @@ def _look_at(frame, direction, x, y, size, lobe):
 
 @compiled()
 def _refine_row(direction, frames, lobe, index, weight, write):
-    """Refine one row's pyramid from the top, depth first; count its entries, and write them where `write`
-    says so.
+    """Refine one row's pyramid from the top, depth first; count its entries, and write them if asked to.
 
     All parts of a texel follow one another in this order, so they add up in the entry written last.
     """
@@ -117,8 +96,8 @@ def _refine_row(direction, frames, lobe, index, weight, write):
 
 
 @compiled(parallel=True)
-def _refine(directions, frames, lobe, start, counts, index, weight, write):
+def refine(directions, frames, lobe, start, counts, index, weight, write):
+    """Refine all rows: count the entries of each, and write them from `start` on if asked to."""
     for row in prange(len(directions)):
-        counts[row] = _refine_row(
-            directions[row], frames, lobe, index[start[row] :], weight[start[row] :], write
-        )
+        entries, weights = index[start[row] :], weight[start[row] :]
+        counts[row] = _refine_row(directions[row], frames, lobe, entries, weights, write)

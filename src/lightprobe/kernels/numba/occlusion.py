@@ -1,4 +1,4 @@
-"""Numba body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
+"""Numba backend of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
 A thread takes a block of pixels; per pixel the unoccluded of all directions is gathered into a row that stays
 in the first-level cache, and the sums run over it in vectors.
@@ -14,67 +14,41 @@ from lightprobe.core.jit import arrays, compiled, threads
 BLOCK = 256  # pixels that one thread takes at a time; partial light gradients are summed block by block
 TINY = np.float32(1e-12)
 ZERO = np.float32(0)
-# Nothing more: with `nsz` and `nnan` as well, the process that compiles these loops computes other last bits
-# than those that find them in Numba's cache, which holds them optimised once more.
+# No more flags: with `nsz` and `nnan`, last bits of loops compiled in the process differ from loops of Numba's cache,
+# which are optimised once more.
 FUSED = {"contract", "reassoc"}
 
 
-def occluded_light(
-    light: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def occluded_light(light: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return diffuse, ambient and open (P, 7)."""
+    unoccluded, index, weight, directions, angles = rest
     out = light.new_empty(normals.shape[0], 7)
-    pixels = arrays(normals, index, weight / 255)
+    (sphere,) = arrays(_sphere(light, directions, angles))
     threads(2 * normals.shape[0] * directions.shape[0])
-    _forward(
-        *pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), out.numpy()
-    )
+    _forward(*arrays(normals, index, weight / 255), unoccluded.contiguous().numpy(), sphere, out.numpy())
     return out
 
 
-def light_gradient(
-    grad: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def light_gradient(grad: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return the gradient (K, 3) of the light."""
+    unoccluded, index, weight, directions, angles = rest
     blocks = -(-normals.shape[0] // BLOCK)
     parts = grad.new_zeros(blocks, 3, directions.shape[0])
     pixels = arrays(normals, index, weight / 255, grad)
+    (sphere,) = arrays(torch.cat([directions.T, angles[None]]))
     threads(2 * normals.shape[0] * directions.shape[0])
-    sphere = torch.cat([directions.T, angles[None]])
-    _light_gradient(*pixels, unoccluded.contiguous().numpy(), *arrays(sphere), parts.numpy())
+    _light_gradient(*pixels, unoccluded.contiguous().numpy(), sphere, parts.numpy())
     return parts.sum(0).T.contiguous()
 
 
-def normal_gradient(
-    grad: Tensor,
-    out: Tensor,
-    light: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
+    unoccluded, index, weight, directions, angles = rest
     result = torch.empty_like(normals)
     pixels = arrays(normals, index, weight / 255, grad, out)
+    (sphere,) = arrays(_sphere(light, directions, angles))
     threads(2 * normals.shape[0] * directions.shape[0])
-    _normal_gradient(
-        *pixels, unoccluded.contiguous().numpy(), *arrays(_sphere(light, directions, angles)), result.numpy()
-    )
+    _normal_gradient(*pixels, unoccluded.contiguous().numpy(), sphere, result.numpy())
     return result
 
 
@@ -106,15 +80,8 @@ def _forward(normals, index, weight, unoccluded, sphere, out):
 
 @compiled(fastmath=FUSED)
 def _pixel(nx, ny, nz, row, sphere, out, p):
-    x, y, z, angle, red, green, blue = (
-        sphere[0],
-        sphere[1],
-        sphere[2],
-        sphere[3],
-        sphere[4],
-        sphere[5],
-        sphere[6],
-    )
+    x, y, z, angle = sphere[0], sphere[1], sphere[2], sphere[3]
+    red, green, blue = sphere[4], sphere[5], sphere[6]
     total, share, r, g, b = ZERO, ZERO, ZERO, ZERO, ZERO
     around, ar, ag, ab = ZERO, ZERO, ZERO, ZERO
     for k in range(row.size):
@@ -172,15 +139,8 @@ def _normal_gradient(normals, index, weight, grad, forward, unoccluded, sphere, 
 
 @compiled(fastmath=FUSED)
 def _turn(nx, ny, nz, row, sphere, grad, forward, out):
-    x, y, z, angle, red, green, blue = (
-        sphere[0],
-        sphere[1],
-        sphere[2],
-        sphere[3],
-        sphere[4],
-        sphere[5],
-        sphere[6],
-    )
+    x, y, z, angle = sphere[0], sphere[1], sphere[2], sphere[3]
+    red, green, blue = sphere[4], sphere[5], sphere[6]
     gr, gg, gb, ga = grad[0], grad[1], grad[2], grad[6]
     mean = gr * forward[0] + gg * forward[1] + gb * forward[2] + ga * forward[6]
     total, ox, oy, oz = ZERO, ZERO, ZERO, ZERO

@@ -1,4 +1,4 @@
-"""Numba body of the rasteriser: faces are sorted into horizontal bands, and each thread draws its own bands.
+"""Numba backend of the rasteriser: faces are sorted into horizontal bands, and each thread draws its own bands.
 
 Within a band faces come in index order and replace only what is strictly farther, so ties go to the lower
 index. The arithmetic is float64 and, without fused operations, the reference's to the bit.
@@ -90,9 +90,7 @@ def _draw(points, faces, first, order, workers, face_out, depth_out):
 
 @compiled()
 def _edge(points, p, q, sign):
-    """Return start x, start y, run and rise of an edge, from its lexicographically smaller end, times its
-    sign.
-    """
+    """Return start x, y, run and rise of an edge, from its lexicographically smaller end, times its sign."""
     px, py = np.float64(points[p, 0]), np.float64(points[p, 1])
     qx, qy = np.float64(points[q, 0]), np.float64(points[q, 1])
     if qx < px or (qx == px and qy < py):

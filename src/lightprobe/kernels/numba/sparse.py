@@ -1,6 +1,4 @@
-"""Numba body of the sparse products; symbols as in `lightprobe.kernels.sparse`. Loops take float32 and
-float64.
-"""
+"""Numba loops of the sparse products; symbols as in `lightprobe.kernels.sparse`; float32 and float64."""
 
 import numpy as np
 import torch
@@ -33,6 +31,13 @@ def _stored(matrix: CompressedRows) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return matrix.start.numpy(), matrix.column.numpy(), matrix.value.numpy()
 
 
+@compiled(fastmath={"contract"}, inline="always")
+def _entry(column, value, padded, k):
+    """Return the value of entry k and the row of x that it is multiplied by."""
+    j = column[k]
+    return value[k], padded[j, 0], padded[j, 1], padded[j, 2], padded[j, 3]
+
+
 @compiled(parallel=True, fastmath={"contract"})
 def _multiply(start, column, value, rows, x, out):
     """Rows of x are padded to four, so that one vector holds one; four sums at a time hide the adds' latency."""
@@ -44,42 +49,17 @@ def _multiply(start, column, value, rows, x, out):
         first, end = start[rows[q]], start[rows[q] + 1]
         whole = first + (end - first) // 4 * 4
         for k in range(first, whole, 4):
-            j, w = column[k], value[k]
-            a0, a1, a2, a3 = (
-                a0 + w * padded[j, 0],
-                a1 + w * padded[j, 1],
-                a2 + w * padded[j, 2],
-                a3 + w * padded[j, 3],
-            )
-            j, w = column[k + 1], value[k + 1]
-            b0, b1, b2, b3 = (
-                b0 + w * padded[j, 0],
-                b1 + w * padded[j, 1],
-                b2 + w * padded[j, 2],
-                b3 + w * padded[j, 3],
-            )
-            j, w = column[k + 2], value[k + 2]
-            c0, c1, c2, c3 = (
-                c0 + w * padded[j, 0],
-                c1 + w * padded[j, 1],
-                c2 + w * padded[j, 2],
-                c3 + w * padded[j, 3],
-            )
-            j, w = column[k + 3], value[k + 3]
-            d0, d1, d2, d3 = (
-                d0 + w * padded[j, 0],
-                d1 + w * padded[j, 1],
-                d2 + w * padded[j, 2],
-                d3 + w * padded[j, 3],
-            )
+            w, x0, x1, x2, x3 = _entry(column, value, padded, k)
+            a0, a1, a2, a3 = a0 + w * x0, a1 + w * x1, a2 + w * x2, a3 + w * x3
+            w, x0, x1, x2, x3 = _entry(column, value, padded, k + 1)
+            b0, b1, b2, b3 = b0 + w * x0, b1 + w * x1, b2 + w * x2, b3 + w * x3
+            w, x0, x1, x2, x3 = _entry(column, value, padded, k + 2)
+            c0, c1, c2, c3 = c0 + w * x0, c1 + w * x1, c2 + w * x2, c3 + w * x3
+            w, x0, x1, x2, x3 = _entry(column, value, padded, k + 3)
+            d0, d1, d2, d3 = d0 + w * x0, d1 + w * x1, d2 + w * x2, d3 + w * x3
         for k in range(whole, end):
-            j, w = column[k], value[k]
-            a0, a1, a2, a3 = (
-                a0 + w * padded[j, 0],
-                a1 + w * padded[j, 1],
-                a2 + w * padded[j, 2],
-                a3 + w * padded[j, 3],
-            )
+            w, x0, x1, x2, x3 = _entry(column, value, padded, k)
+            a0, a1, a2, a3 = a0 + w * x0, a1 + w * x1, a2 + w * x2, a3 + w * x3
         out[q, 0], out[q, 1], out[q, 2] = a0 + b0 + c0 + d0, a1 + b1 + c1 + d1, a2 + b2 + c2 + d2
 
 
@@ -96,3 +76,13 @@ def _spread(start, column, value, rows, bounds, y, parts):
                 part[j, 1] += w * y1
                 part[j, 2] += w * y2
                 part[j, 3] += w * y3
+
+
+@compiled(parallel=True)
+def permute(start, column, value, which, by, source, new_start, new_column, new_value):
+    """Write the new rows, which start at `new_start` (T + 1,)."""
+    for row in prange(len(which)):
+        nodes, at = source[by[row]], new_start[row]
+        for k in range(start[which[row]], start[which[row] + 1]):
+            new_column[at], new_value[at] = nodes[column[k]], value[k]
+            at += 1

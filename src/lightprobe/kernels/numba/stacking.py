@@ -1,4 +1,4 @@
-"""Numba body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
+"""Numba backend of the stacking; symbols as in `lightprobe.kernels.stacking`.
 
 Loops run over a tile of texels in vectors; tile by tile the sums stay in the first-level cache, and partial
 sums over `CHUNK` pixels or `TILE` texels keep the rounding of long float32 sums small.
@@ -12,7 +12,7 @@ from numba import prange
 from torch import Tensor
 
 from lightprobe.core.jit import arrays, compiled, threads
-from lightprobe.kernels.lobe_frames import lobe_frames
+from lightprobe.kernels.stacking import lobe_frames
 
 TILE = 256  # texels
 CHUNK = 512  # pixels
@@ -47,21 +47,10 @@ def stack_backward(
 @compiled(fastmath=FUSED, inline="always")
 def pixel_frame(values, p):
     """Return the frame of pixel p as numbers, which a loop that writes elsewhere can keep in registers."""
-    return (
-        values[p, 0],
-        values[p, 1],
-        values[p, 2],
-        values[p, 3],
-        values[p, 4],
-        values[p, 5],
-        values[p, 6],
-        values[p, 7],
-        values[p, 8],
-        values[p, 9],
-        values[p, 10],
-        values[p, 11],
-        values[p, 12],
-    )
+    tx, ty, tz, tv = values[p, 0], values[p, 1], values[p, 2], values[p, 3]
+    bx, by, bz, bv = values[p, 4], values[p, 5], values[p, 6], values[p, 7]
+    nx, ny, nz, nv = values[p, 8], values[p, 9], values[p, 10], values[p, 11]
+    return tx, ty, tz, tv, bx, by, bz, bv, nx, ny, nz, nv, values[p, 12]
 
 
 @compiled(fastmath=FUSED, inline="always")

@@ -1,40 +1,14 @@
-"""Numba body of the voxels; symbols as in `lightprobe.kernels.voxels`."""
+"""Numba loops of the voxels; symbols as in `lightprobe.kernels.voxels`."""
 
 import numpy as np
 from numba import prange
 
-from lightprobe.core.jit import compiled, threads
-
-
-def vote(
-    projections: np.ndarray,
-    sizes: np.ndarray,
-    starts: np.ndarray,
-    ballots: np.ndarray,
-    lo: np.ndarray,
-    voxel: np.ndarray,
-    resolution: int,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the sums of ballots and the numbers of photos, two (N, N, N) int32."""
-    threads(len(projections) * resolution**3)
-    return _vote(projections, sizes, starts, ballots, lo, voxel, resolution)
-
-
-def cast(
-    distance: np.ndarray,
-    origin: np.ndarray,
-    axes: np.ndarray,
-    intrinsics: np.ndarray,
-    height: int,
-    width: int,
-) -> np.ndarray:
-    """Return the picture (height, width) bool, a ray marched per pixel."""
-    threads(height * width * distance.shape[0])
-    return _cast(distance, origin, axes, intrinsics, height, width)
+from lightprobe.core.jit import compiled
 
 
 @compiled(parallel=True)
-def _vote(projections, sizes, starts, ballots, lo, voxel, resolution):
+def vote(projections, sizes, starts, ballots, lo, voxel, resolution):
+    """Return the sums of ballots and the numbers of photos, two (N, N, N) int32."""
     votes = np.zeros((resolution, resolution, resolution), np.int32)
     seen = np.zeros((resolution, resolution, resolution), np.int32)
     for i in prange(resolution):
@@ -61,7 +35,8 @@ def _vote(projections, sizes, starts, ballots, lo, voxel, resolution):
 
 
 @compiled(parallel=True)
-def _cast(distance, origin, axes, intrinsics, height, width):
+def cast(distance, origin, axes, intrinsics, height, width):
+    """Return the picture (height, width) bool, a ray marched per pixel."""
     picture = np.zeros((height, width), np.bool_)
     fx, fy, cx, cy = intrinsics
     for row in prange(height):
@@ -76,22 +51,18 @@ def _cast(distance, origin, axes, intrinsics, height, width):
 
 @compiled()
 def _hits(distance, ox, oy, oz, dx, dy, dz):
-    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps where all around is
-    empty.
+    """Tell whether a ray meets an occupied voxel: from voxel to voxel near one, in leaps through empty space.
 
-    From so far away that a step is lost in rounding, it may stay where it is; after many times the steps that
-    a ray can need it has met nothing.
+    From so far away that a step is lost in rounding, the ray stays where it is; the loop's length ends the search.
     """
     size = distance.shape[0]
     longest = max(abs(dx), abs(dy), abs(dz))
     # Tiny components instead of zeros keep every division finite.
     dx, dy, dz = _nonzero(dx), _nonzero(dy), _nonzero(dz)
-    enter = max(
-        min(-ox / dx, (size - ox) / dx), min(-oy / dy, (size - oy) / dy), min(-oz / dz, (size - oz) / dz)
-    )
-    leave = min(
-        max(-ox / dx, (size - ox) / dx), max(-oy / dy, (size - oy) / dy), max(-oz / dz, (size - oz) / dz)
-    )
+    x0, x1, y0, y1 = -ox / dx, (size - ox) / dx, -oy / dy, (size - oy) / dy
+    z0, z1 = -oz / dz, (size - oz) / dz
+    enter = max(min(x0, x1), min(y0, y1), min(z0, z1))
+    leave = min(max(x0, x1), max(y0, y1), max(z0, z1))
     nudge = 1e-6 / longest  # past the wall of a voxel
     t = max(enter, 0.0) + nudge
     for _ in range(16 * size):

@@ -1,1 +1,1 @@
-"""Plain PyTorch bodies: the truth the tests compare with, and the fallback for float64 and for other devices."""
+"""Plain PyTorch: the truth the tests compare with, and the fallback for float64 and for other devices."""

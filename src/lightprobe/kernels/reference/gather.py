@@ -1,4 +1,4 @@
-"""Plain body of the row gathers; symbols as in `lightprobe.kernels.gather`."""
+"""Reference of the row gathers; symbols as in `lightprobe.kernels.gather`."""
 
 import torch
 from torch import Tensor

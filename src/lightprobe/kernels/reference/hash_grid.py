@@ -1,4 +1,4 @@
-"""Plain body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`."""
+"""Reference of the hash grid; symbols as in `lightprobe.kernels.hash_grid`."""
 
 from collections.abc import Iterator
 
@@ -22,9 +22,8 @@ def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
 def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape: torch.Size) -> Tensor:
     """Return the gradient (L, T, F) to the table."""
     out = grad.new_zeros(table_shape)
-    for level, (resolution, part) in enumerate(
-        zip(cells, grad.split(max(table_shape[2], 1), dim=1), strict=True)
-    ):
+    parts = grad.split(max(table_shape[2], 1), dim=1)
+    for level, (resolution, part) in enumerate(zip(cells, parts, strict=True)):
         for row, weight in _corners(points, resolution, table_shape[1]):
             out[level].index_add_(0, row, weight[:, None] * part)
     return out

@@ -1,6 +1,4 @@
-"""Plain body of the occluded light; symbols as in `lightprobe.kernels.occlusion`. A slab of pixels exists at
-a time.
-"""
+"""Reference of the occluded light; symbols as in `lightprobe.kernels.occlusion`; slab by slab of pixels."""
 
 from collections.abc import Iterator
 
@@ -53,10 +51,5 @@ def _slabs(
         share = (unoccluded[index[part].long()].to(normals.dtype) * weight[part][..., None]).sum(1) / 255
         cosine = (normals[part] @ directions.T).clamp(min=0) * angles
         ambient = share * angles
-        yield (
-            part,
-            cosine * share,
-            ambient,
-            cosine.sum(1, keepdim=True).clamp(min=TINY),
-            ambient.sum(1, keepdim=True).clamp(min=TINY),
-        )
+        total, around = (sums.sum(1, keepdim=True).clamp(min=TINY) for sums in (cosine, ambient))
+        yield part, cosine * share, ambient, total, around

@@ -1,4 +1,4 @@
-"""Plain body of the rasteriser: every pixel of every face's bounding box, then the best of each pixel.
+"""Reference of the rasteriser: every pixel of every face's bounding box, then the best of each pixel.
 
 A pair of (pixel, face) competes by one 64-bit key, the bits of its float32 inverse depth above the complement
 of its face index: the bits of positive floats order like the floats, so the largest key is the nearest,
@@ -36,9 +36,7 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
 
 
 def _boxes(corners: Tensor, height: int, width: int) -> tuple[Tensor, ...]:
-    """Return the faces to draw, and left, top, columns and rows of the pixels whose centres lie in their
-    boxes.
-    """
+    """Return the faces to draw, and left, top, columns and rows of the pixels with centres in their boxes."""
     visible = corners.isfinite().all(dim=2).all(dim=1) & (corners[..., 2] > 0).all(dim=1)
     drawn = visible.nonzero()[:, 0]
     low, high = corners[drawn, :, :2].amin(dim=1), corners[drawn, :, :2].amax(dim=1)

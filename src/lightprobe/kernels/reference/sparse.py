@@ -1,6 +1,4 @@
-"""Plain body of the sparse products; symbols as in `lightprobe.kernels.sparse`. It fixes no order of the
-sums.
-"""
+"""Reference of the sparse products, with sums in any order; symbols as in `lightprobe.kernels.sparse`."""
 
 import numpy as np
 import torch

@@ -1,6 +1,4 @@
-"""Plain body of the stacking; symbols as in `lightprobe.kernels.stacking`. One slab of the matrix exists at a
-time.
-"""
+"""Reference of the stacking; symbols as in `lightprobe.kernels.stacking`; slab by slab of the matrix."""
 
 import math
 from collections.abc import Iterator

@@ -14,9 +14,7 @@ _MOST = 120  # keeps scale and 1 / scale normal in float32
 
 
 def scale_for(magnitude: Tensor, terms: int) -> Tensor:
-    """Return the float32 factor 2^e (1,) for sums of at most `terms` values up to `magnitude` (); NaN stays
-    NaN.
-    """
+    """Return the float32 factor 2^e (1,) for sums of up to `terms` values up to `magnitude` (); NaN stays."""
     exponent = torch.floor(_BITS - torch.log2(magnitude * max(terms, 1)))
     return torch.exp2(exponent.clamp(-_MOST, _MOST)).reshape(1)
 

@@ -1,4 +1,4 @@
-"""Triton body of the row gathers; symbols as in `lightprobe.kernels.gather`.
+"""Triton backend of the row gathers; symbols as in `lightprobe.kernels.gather`.
 
 A program serves a block of queries and a block of channels. The scatters add with integer atomics
 (`fixed_point`), so they need no sorting and yet repeat to the bit.
@@ -21,16 +21,8 @@ def weighted_gather(values: Tensor, index: Tensor, weight: Tensor) -> Tensor:
     grid, block = _tiles(*out.shape)
     if out.numel():
         with torch.cuda.device_of(values):
-            _gather[grid](
-                values.contiguous(),
-                index.contiguous(),
-                weight.contiguous(),
-                out,
-                *out.shape,
-                index.shape[1],
-                *block,
-                enable_fp_fusion=True,
-            )
+            case = values.contiguous(), index.contiguous(), weight.contiguous(), out
+            _gather[grid](*case, *out.shape, index.shape[1], *block, enable_fp_fusion=True)
     return out
 
 
@@ -46,17 +38,9 @@ def row_products(grad: Tensor, index: Tensor, values: Tensor) -> Tensor:
     grid, block = _tiles(queries, channels)
     if out.numel():
         with torch.cuda.device_of(grad):
-            _row_products[grid[:1]](
-                grad.contiguous(),
-                index.contiguous(),
-                values.contiguous(),
-                out,
-                queries,
-                channels,
-                index.shape[1],
-                *block,
-                enable_fp_fusion=True,
-            )
+            case = grad.contiguous(), index.contiguous(), values.contiguous(), out
+            sizes = queries, channels, index.shape[1], *block
+            _row_products[grid[:1]](*case, *sizes, enable_fp_fusion=True)
     return out
 
 
@@ -75,18 +59,9 @@ def _scattered(grad: Tensor, index: Tensor, weight: Tensor | None, rows: int) ->
     grid, block = _tiles(*grad.shape)
     factor = scale if weight is None else weight  # never read when there is no weight
     with torch.cuda.device_of(grad):
-        _scatter[grid](
-            grad.contiguous(),
-            index.contiguous(),
-            factor,
-            scale,
-            sums,
-            *grad.shape,
-            index.shape[1],
-            weight is not None,
-            *block,
-            enable_fp_fusion=True,
-        )
+        case = grad.contiguous(), index.contiguous(), factor, scale, sums
+        sizes = *grad.shape, index.shape[1], weight is not None, *block
+        _scatter[grid](*case, *sizes, enable_fp_fusion=True)
     return fixed_point.decode(sums, scale)
 
 
@@ -107,9 +82,8 @@ def _gather(values, index, weight, out, queries, channels, taps, TALL: tl.conste
     for k in range(taps):
         row = tl.load(index + n * taps + k, mask=live, other=0).to(tl.int64)
         factor = tl.load(weight + n * taps + k, mask=live, other=0.0)
-        total += factor[:, None] * tl.load(
-            values + row[:, None] * channels + c[None, :], mask=mask, other=0.0
-        )
+        entry = tl.load(values + row[:, None] * channels + c[None, :], mask=mask, other=0.0)
+        total += factor[:, None] * entry
     tl.store(out + n[:, None] * channels + c[None, :], total, mask=mask)
 
 

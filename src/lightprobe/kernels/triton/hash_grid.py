@@ -1,4 +1,4 @@
-"""Triton body of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
+"""Triton backend of the hash grid; symbols as in `lightprobe.kernels.hash_grid`.
 
 A program serves a block of points on one level. The table's gradient is summed with integer atomics
 (`fixed_point`): points of a batch meet in few rows of the coarse levels, and yet the bits repeat. That of a
@@ -22,16 +22,8 @@ def encode(points: Tensor, table: Tensor, cells: list[int]) -> Tensor:
     out = table.new_empty(points.shape[0], table.shape[0] * table.shape[2])
     if out.numel():
         with torch.cuda.device_of(points):
-            _encode[_grid(points, cells)](
-                points.contiguous(),
-                table.contiguous(),
-                _on_device(tuple(cells), points.device),
-                out,
-                points.shape[0],
-                len(cells),
-                *_sizes(table.shape),
-                enable_fp_fusion=True,
-            )
+            case = points.contiguous(), table.contiguous(), _on_device(tuple(cells), points.device), out
+            _encode[_grid(points, cells)](*case, *_sizes(points, table.shape), enable_fp_fusion=True)
     return out
 
 
@@ -42,17 +34,8 @@ def encode_backward(grad: Tensor, points: Tensor, cells: list[int], table_shape:
     scale = fixed_point.scale_for(grad.abs().amax(), 8 * points.shape[0])
     sums = torch.zeros(table_shape, dtype=torch.int64, device=grad.device)
     with torch.cuda.device_of(points):
-        _encode_backward[_grid(points, cells)](
-            grad.contiguous(),
-            points.contiguous(),
-            _on_device(tuple(cells), points.device),
-            scale,
-            sums,
-            points.shape[0],
-            len(cells),
-            *_sizes(table_shape),
-            enable_fp_fusion=True,
-        )
+        case = grad.contiguous(), points.contiguous(), _on_device(tuple(cells), points.device), scale, sums
+        _encode_backward[_grid(points, cells)](*case, *_sizes(points, table_shape), enable_fp_fusion=True)
     return fixed_point.decode(sums, scale)
 
 
@@ -61,17 +44,10 @@ def encode_backward_to_points(grad: Tensor, points: Tensor, table: Tensor, cells
     out = torch.zeros_like(points, memory_format=torch.contiguous_format)
     if grad.numel():
         with torch.cuda.device_of(points):
-            _encode_backward_to_points[_grid(points, cells)[:1]](
-                grad.contiguous(),
-                points.contiguous(),
-                table.contiguous(),
-                _on_device(tuple(cells), points.device),
-                out,
-                points.shape[0],
-                len(cells),
-                *_sizes(table.shape),
-                enable_fp_fusion=True,
-            )
+            grid, sizes = _grid(points, cells)[:1], _sizes(points, table.shape)
+            case = grad.contiguous(), points.contiguous(), table.contiguous()
+            at = _on_device(tuple(cells), points.device)
+            _encode_backward_to_points[grid](*case, at, out, *sizes, enable_fp_fusion=True)
     return out
 
 
@@ -79,17 +55,15 @@ def _grid(points: Tensor, cells: list[int]) -> tuple[int, int]:
     return triton.cdiv(points.shape[0], POINTS), len(cells)
 
 
-def _sizes(table_shape: torch.Size) -> tuple[int, int, int, int]:
-    """Return rows, features, features up to a power of two, and points of one program."""
-    _, rows, features = table_shape
-    return rows, features, triton.next_power_of_2(features), POINTS
+def _sizes(points: Tensor, table_shape: torch.Size) -> tuple[int, int, int, int, int, int]:
+    """Return points, levels, rows, features, features up to a power of two, and points of one program."""
+    levels, rows, features = table_shape
+    return points.shape[0], levels, rows, features, triton.next_power_of_2(features), POINTS
 
 
 @functools.lru_cache(maxsize=16)
 def _on_device(cells: tuple[int, ...], device: torch.device) -> Tensor:
-    """Return the resolutions (L,) int32; kept, for a copy to the device in every step could not join a CUDA
-    graph.
-    """
+    """Return the resolutions (L,) int32; kept, as no copy to the device may happen within a CUDA graph."""
     return torch.tensor(cells, dtype=torch.int32, device=device)
 
 
@@ -139,16 +113,7 @@ def _corner(i, j, k, x, y, z, CORNER: tl.constexpr, side, rows):
 
 @triton.jit
 def _encode(
-    points,
-    table,
-    cells,
-    out,
-    count,
-    levels,
-    rows,
-    features,
-    WIDE: tl.constexpr,
-    POINTS: tl.constexpr,
+    points, table, cells, out, count, levels, rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr
 ):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
@@ -166,17 +131,7 @@ def _encode(
 
 @triton.jit
 def _encode_backward(
-    grad,
-    points,
-    cells,
-    scale,
-    sums,
-    count,
-    levels,
-    rows,
-    features,
-    WIDE: tl.constexpr,
-    POINTS: tl.constexpr,
+    grad, points, cells, scale, sums, count, levels, rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr
 ):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     level = tl.program_id(1).to(tl.int64)
@@ -201,17 +156,7 @@ def _slope(points, n, axis, live, total, out):
 
 @triton.jit
 def _encode_backward_to_points(
-    grad,
-    points,
-    table,
-    cells,
-    out,
-    count,
-    levels,
-    rows,
-    features,
-    WIDE: tl.constexpr,
-    POINTS: tl.constexpr,
+    grad, points, table, cells, out, count, levels, rows, features, WIDE: tl.constexpr, POINTS: tl.constexpr
 ):
     n, f, live, mask = _block(count, features, WIDE, POINTS)
     total_x = tl.zeros([POINTS], dtype=tl.float32)

@@ -1,4 +1,4 @@
-"""Triton body of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
+"""Triton backend of the occluded light; symbols as in `lightprobe.kernels.occlusion`.
 
 What is summed over directions has one program per pixel, whose lanes are directions, so that the bytes of an
 unoccluded row are read side by side. What is summed over pixels has lanes of directions too, and walks
@@ -16,42 +16,20 @@ SHARE = 64  # pixels it walks through
 TINY = 1e-12  # keeps a division by nothing finite
 
 
-def occluded_light(
-    light: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def occluded_light(light: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return diffuse, ambient and open (P, 7)."""
+    unoccluded, index, weight, directions, angles = rest
     out = light.new_empty(normals.shape[0], 7)
     if len(out):
         with torch.cuda.device_of(light):
-            _forward[(len(out),)](
-                *_pixels(normals, unoccluded, index, weight),
-                _sphere(light, directions, angles),
-                out,
-                *_sizes(unoccluded),
-                index.shape[1],
-                TINY,
-                num_warps=1,
-                enable_fp_fusion=True,
-            )
+            case = (*_pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles), out)
+            _forward[(len(out),)](*case, *_sizes(unoccluded, index), TINY, num_warps=1, enable_fp_fusion=True)
     return out
 
 
-def light_gradient(
-    grad: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def light_gradient(grad: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return the gradient (K, 3) of the light."""
+    unoccluded, index, weight, directions, angles = rest
     count, bins = normals.shape[0], directions.shape[0]
     if count == 0 or bins == 0:
         return grad.new_zeros(bins, 3)
@@ -60,46 +38,27 @@ def light_gradient(
     sums = grad.new_empty(count, 2)
     parts = grad.new_empty(triton.cdiv(count, SHARE), 3, bins)
     with torch.cuda.device_of(grad):
-        _totals[(count,)](
-            *pixels, sphere, sums, *_sizes(unoccluded), index.shape[1], num_warps=1, enable_fp_fusion=True
-        )
+        sizes = _sizes(unoccluded, index)
+        _totals[(count,)](*pixels, sphere, sums, *sizes, num_warps=1, enable_fp_fusion=True)
         sums = sums.clamp(min=TINY)
         arriving = torch.cat([grad[:, :3] / sums[:, :1], grad[:, 3:6] / sums[:, 1:]], dim=1)
         grid = (triton.cdiv(bins, LANES), parts.shape[0])
-        _spread[grid](
-            *pixels, sphere, arriving, parts, bins, count, index.shape[1], LANES, SHARE, enable_fp_fusion=True
-        )
+        shares = bins, count, index.shape[1], LANES, SHARE
+        _spread[grid](*pixels, sphere, arriving, parts, *shares, enable_fp_fusion=True)
     return parts.sum(0).T.contiguous()
 
 
-def normal_gradient(
-    grad: Tensor,
-    out: Tensor,
-    light: Tensor,
-    normals: Tensor,
-    unoccluded: Tensor,
-    index: Tensor,
-    weight: Tensor,
-    directions: Tensor,
-    angles: Tensor,
-) -> Tensor:
+def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *rest: Tensor) -> Tensor:
     """Return the gradient (P, 3) of the normals, for the forward result `out`."""
+    unoccluded, index, weight, directions, angles = rest
     result = torch.empty_like(normals, memory_format=torch.contiguous_format)
     if len(out):
         mean = (grad[:, :3] * out[:, :3]).sum(1, keepdim=True) + grad[:, 6:] * out[:, 6:]
         pull = torch.cat([grad[:, :3], grad[:, 6:], mean], dim=1)
         with torch.cuda.device_of(grad):
-            _turn[(len(out),)](
-                *_pixels(normals, unoccluded, index, weight),
-                _sphere(light, directions, angles),
-                pull,
-                result,
-                *_sizes(unoccluded),
-                index.shape[1],
-                TINY,
-                num_warps=1,
-                enable_fp_fusion=True,
-            )
+            pixels, sphere = _pixels(normals, unoccluded, index, weight), _sphere(light, directions, angles)
+            case = (*pixels, sphere, pull, result)
+            _turn[(len(out),)](*case, *_sizes(unoccluded, index), TINY, num_warps=1, enable_fp_fusion=True)
     return result
 
 
@@ -112,10 +71,10 @@ def _sphere(light: Tensor, directions: Tensor, angles: Tensor) -> Tensor:
     return torch.cat([directions.T, angles[None], light.T]).contiguous()
 
 
-def _sizes(unoccluded: Tensor) -> tuple[int, int]:
-    """Return the number of directions, and how many of them one program sums over at once."""
+def _sizes(unoccluded: Tensor, index: Tensor) -> tuple[int, int, int]:
+    """Return the number of directions, how many of them one program sums over at once, and corners per pixel."""
     bins = unoccluded.shape[1]
-    return bins, min(DIRECTIONS, triton.next_power_of_2(max(bins, 1)))
+    return bins, min(DIRECTIONS, triton.next_power_of_2(max(bins, 1))), index.shape[1]
 
 
 @triton.jit
@@ -189,15 +148,7 @@ def _forward(
 
 @triton.jit
 def _totals(
-    normals,
-    unoccluded,
-    index,
-    weight,
-    sphere,
-    sums,
-    bins,
-    BLOCK: tl.constexpr,
-    CORNERS: tl.constexpr,
+    normals, unoccluded, index, weight, sphere, sums, bins, BLOCK: tl.constexpr, CORNERS: tl.constexpr
 ):
     """Write the sum of c and the sum of dw v of each pixel."""
     p = tl.program_id(0).to(tl.int64)

@@ -1,4 +1,4 @@
-"""Triton body of the rasteriser: faces compete for pixels by a 64-bit atomic minimum of a packed depth | id.
+"""Triton backend of the rasteriser: faces compete for pixels by a 64-bit atomic minimum of a packed depth | id.
 
 The key of a face at a pixel is the complement of the bits of its float32 inverse depth above its index: the
 bits of positive floats order like the floats, so the smallest key is the nearest, lowest-numbered face, in
@@ -18,11 +18,8 @@ from torch import Tensor
 FACES = 32  # of one program
 STRIP = 4  # pixels of each that it draws at once
 LARGE = 256  # pixels of the largest box drawn side by side
-LISTS, PARTS, SPAN = (
-    64,
-    8,
-    1024,
-)  # second launch: programs along the list, programs in a box, pixels drawn at once
+LISTS, PARTS = 64, 8  # second launch: programs along the list, and in a box
+SPAN = 1024  # pixels that one of these programs draws at once
 EMPTY = (1 << 63) - 1  # key of a pixel without a face: further than any
 LOW = (1 << 32) - 1  # bits of a key that hold the face
 ALL_BITS = (1 << 31) - 1  # of a positive float's pattern, from which depth is taken
@@ -37,23 +34,10 @@ def rasterize(screen: Tensor, faces: Tensor, height: int, width: int) -> tuple[T
         large = torch.empty(count, dtype=torch.int32, device=screen.device)
         length = torch.zeros(1, dtype=torch.int32, device=screen.device)
         with torch.cuda.device_of(screen):
-            _draw_small[(triton.cdiv(count, FACES),)](
-                points,
-                corners,
-                key,
-                large,
-                length,
-                count,
-                height,
-                width,
-                FACES,
-                STRIP,
-                LARGE,
-                enable_fp_fusion=False,
-            )
-            _draw_large[(LISTS, PARTS)](
-                points, corners, key, large, length, height, width, SPAN, enable_fp_fusion=False
-            )
+            case = points, corners, key, large, length
+            sizes = count, height, width, FACES, STRIP, LARGE
+            _draw_small[(triton.cdiv(count, FACES),)](*case, *sizes, enable_fp_fusion=False)
+            _draw_large[(LISTS, PARTS)](*case, height, width, SPAN, enable_fp_fusion=False)
     face = torch.where(key == EMPTY, -1, key & LOW).to(torch.int32)
     bits = torch.where(key == EMPTY, 0, ALL_BITS - (key >> 32)).to(torch.int32)
     return face, bits.view(torch.float32)
@@ -81,10 +65,8 @@ def _pixels(low, high, size):
 @triton.jit
 def _box(ax, ay, az, bx, by, bz, cx, cy, cz, height, width):
     """Return left, columns, top and rows of the boxes; no columns where the face is not drawn."""
-    size = (
-        tl.abs(ax) + tl.abs(ay) + tl.abs(az) + tl.abs(bx) + tl.abs(by) + tl.abs(bz) + tl.abs(cx) + tl.abs(cy)
-    )
-    finite = size + tl.abs(cz) < float("inf")  # so written that NaN fails
+    size = tl.abs(ax) + tl.abs(ay) + tl.abs(az) + tl.abs(bx) + tl.abs(by) + tl.abs(bz)
+    finite = size + tl.abs(cx) + tl.abs(cy) + tl.abs(cz) < float("inf")  # so written that NaN fails
     drawn = finite & (az > 0) & (bz > 0) & (cz > 0)
     low_x, high_x = tl.minimum(tl.minimum(ax, bx), cx), tl.maximum(tl.maximum(ax, bx), cx)
     low_y, high_y = tl.minimum(tl.minimum(ay, by), cy), tl.maximum(tl.maximum(ay, by), cy)
@@ -147,28 +129,15 @@ def _draw_small(
     tl.store(large + start + place, f.to(tl.int32), mask=big)
     pixels = tl.where(big, 0, pixels)
     wide = tl.maximum(columns, 1)
+    ax, ay, az = ax[:, None], ay[:, None], az[:, None]
+    bx, by, bz = bx[:, None], by[:, None], bz[:, None]
+    cx, cy, cz, f = cx[:, None], cy[:, None], cz[:, None], f[:, None]
     for first in range(0, tl.max(pixels, axis=0), STRIP):
         offset = first + tl.arange(0, STRIP)[None, :]
         live = offset < pixels[:, None]
         column = left[:, None] + offset % wide[:, None]
         row = top[:, None] + offset // wide[:, None]
-        _compete(
-            ax[:, None],
-            ay[:, None],
-            az[:, None],
-            bx[:, None],
-            by[:, None],
-            bz[:, None],
-            cx[:, None],
-            cy[:, None],
-            cz[:, None],
-            f[:, None],
-            column,
-            row,
-            live,
-            key,
-            width,
-        )
+        _compete(ax, ay, az, bx, by, bz, cx, cy, cz, f, column, row, live, key, width)
 
 
 @triton.jit(do_not_specialize=["height", "width"])
@@ -184,21 +153,6 @@ def _draw_large(points, faces, key, large, length, height, width, SPAN: tl.const
         pixels = columns * rows
         for first in range(tl.program_id(1) * SPAN, pixels, step):
             offset = first + lane
-            column, row = left + offset % columns, top + offset // columns
-            _compete(
-                ax,
-                ay,
-                az,
-                bx,
-                by,
-                bz,
-                cx,
-                cy,
-                cz,
-                f + tl.zeros([SPAN], dtype=tl.int32),
-                column,
-                row,
-                offset < pixels,
-                key,
-                width,
-            )
+            column, row, live = left + offset % columns, top + offset // columns, offset < pixels
+            faces_of_lanes = f + tl.zeros([SPAN], dtype=tl.int32)
+            _compete(ax, ay, az, bx, by, bz, cx, cy, cz, faces_of_lanes, column, row, live, key, width)

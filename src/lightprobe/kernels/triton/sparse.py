@@ -1,4 +1,4 @@
-"""Triton body of the sparse product; symbols as in `lightprobe.kernels.sparse`.
+"""Triton backend of the sparse product; symbols as in `lightprobe.kernels.sparse`.
 
 A program serves a row, its entries in blocks of one size, so that the order of the sums is fixed. Only whole
 products are asked of a GPU: there the transpose is a matrix of its own.
@@ -22,16 +22,8 @@ def product(matrix: CompressedRows, x: Tensor, rows: None) -> Tensor:
     if count:
         wide = min(_WIDEST, max(_NARROWEST, triton.next_power_of_2(triton.cdiv(matrix.value.numel(), count))))
         with torch.cuda.device_of(x):
-            _multiply[(count,)](
-                matrix.start,
-                matrix.column,
-                matrix.value,
-                x.float().contiguous(),
-                out,
-                wide,
-                num_warps=max(1, wide // _PER_WARP),
-                enable_fp_fusion=True,
-            )
+            case = matrix.start, matrix.column, matrix.value, x.float().contiguous(), out
+            _multiply[(count,)](*case, wide, num_warps=max(1, wide // _PER_WARP), enable_fp_fusion=True)
     return out
 
 
@@ -40,11 +32,8 @@ def _multiply(start, column, value, x, out, WIDE: tl.constexpr):
     row = tl.program_id(0)
     first, end = tl.load(start + row), tl.load(start + row + 1)
     lane = tl.arange(0, WIDE)
-    red, green, blue = (
-        tl.zeros([WIDE], dtype=tl.float32),
-        tl.zeros([WIDE], dtype=tl.float32),
-        tl.zeros([WIDE], dtype=tl.float32),
-    )
+    red = tl.zeros([WIDE], dtype=tl.float32)
+    green, blue = red, red
     for block in range(first, end, WIDE):
         live = block + lane < end
         weight = tl.load(value + block + lane, mask=live, other=0.0)

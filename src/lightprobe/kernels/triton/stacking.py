@@ -1,4 +1,4 @@
-"""Triton body of the stacking; symbols as in `lightprobe.kernels.stacking` and `lobe_frames`.
+"""Triton backend of the stacking; symbols as in `lightprobe.kernels.stacking`.
 
 Forward: a program holds a block of texels and walks through a share of the pixels; backward: it holds a block
 of pixels and walks through a share of the texels. What it walks through is read as scalars, which every lane
@@ -12,7 +12,7 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from lightprobe.kernels.lobe_frames import lobe_frames
+from lightprobe.kernels.stacking import lobe_frames
 
 TEXELS = 1024  # of one program, forward
 PIXELS = 256  # of one program, backward
@@ -33,9 +33,8 @@ def stack(
     share = _share(pixels, blocks)
     parts = colors.new_empty(triton.cdiv(pixels, share), 4, texels)
     with torch.cuda.device_of(colors):
-        _stack[(blocks, parts.shape[0])](
-            lobes, directions.contiguous(), parts, pixels, texels, share, CHUNK, TEXELS, enable_fp_fusion=True
-        )
+        sizes = pixels, texels, share, CHUNK, TEXELS
+        _stack[(blocks, parts.shape[0])](lobes, directions.contiguous(), parts, *sizes, enable_fp_fusion=True)
     out = parts.sum(0)
     return out[1:].T.contiguous(), out[0]
 
@@ -53,9 +52,8 @@ def stack_backward(
     share = _share(texels, blocks)
     parts = grad.new_empty(triton.cdiv(texels, share), 3, pixels)
     with torch.cuda.device_of(grad):
-        _project[(blocks, parts.shape[0])](
-            lobes, lights, parts, pixels, texels, share, CHUNK, PIXELS, enable_fp_fusion=True
-        )
+        sizes = pixels, texels, share, CHUNK, PIXELS
+        _project[(blocks, parts.shape[0])](lobes, lights, parts, *sizes, enable_fp_fusion=True)
     return parts.sum(0).T * (alpha2[:, None] / math.pi)
 
 
@@ -93,24 +91,10 @@ def _stack(lobes, directions, parts, pixels, texels, share, CHUNK: tl.constexpr,
         r, g, b = w, w, w
         for p in range(first, tl.minimum(first + CHUNK, end)):
             at = lobes + p * 17
-            lobe = _lobe(
-                tl.load(at),
-                tl.load(at + 1),
-                tl.load(at + 2),
-                tl.load(at + 3),
-                tl.load(at + 4),
-                tl.load(at + 5),
-                tl.load(at + 6),
-                tl.load(at + 7),
-                tl.load(at + 8),
-                tl.load(at + 9),
-                tl.load(at + 10),
-                tl.load(at + 11),
-                tl.load(at + 12),
-                x,
-                y,
-                z,
-            )
+            tx, ty, tz, tv = tl.load(at), tl.load(at + 1), tl.load(at + 2), tl.load(at + 3)
+            bx, by, bz, bv = tl.load(at + 4), tl.load(at + 5), tl.load(at + 6), tl.load(at + 7)
+            nx, ny, nz, nv = tl.load(at + 8), tl.load(at + 9), tl.load(at + 10), tl.load(at + 11)
+            lobe = _lobe(tx, ty, tz, tv, bx, by, bz, bv, nx, ny, nz, nv, tl.load(at + 12), x, y, z)
             w += tl.load(at + 13) * lobe
             r += tl.load(at + 14) * lobe
             g += tl.load(at + 15) * lobe

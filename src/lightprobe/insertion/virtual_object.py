@@ -1,4 +1,6 @@
-"""The thing to be put into a photo: a GLB file's triangles with their materials, z up, in the file's units."""
+"""The virtual object to be put into a photo: a GLB file's triangles with their materials, z up, in the file's
+units.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -12,11 +14,9 @@ from torch import Tensor
 from lightprobe.core.errors import InputError
 from lightprobe.geometry.mesh import is_closed
 from lightprobe.insertion.glb_file import GlbFile, numbers, sound
-from lightprobe.insertion.materials import Material
-from lightprobe.insertion.textures import TextureReader
+from lightprobe.insertion.materials import Material, TextureReader
 
 MOST_FACES = 2_000_000  # that are drawn
-_MOST_VERTICES = 3 * MOST_FACES
 _MOST_NODES = 100_000  # of a scene's tree
 _FARTHEST = 1e9  # coordinates, in the file's units
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6  # modes of glTF
@@ -24,7 +24,7 @@ _READ_EXTENSIONS = {"KHR_texture_transform", "KHR_materials_emissive_strength", 
 
 
 @dataclass(frozen=True)
-class Thing:
+class VirtualObject:
     """Triangles of V vertices; each vertex has one normal, one place in each texture set and one colour."""
 
     vertices: Tensor  # (V, 3) float32, z up
@@ -42,29 +42,32 @@ class Thing:
         """Extent along x, y and z, (3,)."""
         return (self.vertices.amax(0) - self.vertices.amin(0)).numpy().astype(np.float64)
 
-    def to(self, device: torch.device) -> "Thing":
-        """Return the thing on another device."""
+    def to(self, device: torch.device) -> "VirtualObject":
+        """Return the virtual object on another device."""
         moved: dict[str, Any] = {key: v.to(device) for key, v in vars(self).items() if isinstance(v, Tensor)}
         return replace(self, **moved, materials=tuple(material.to(device) for material in self.materials))
 
 
-def load_thing(path: Path) -> Thing:
-    """Return the thing in a GLB file, as its default scene shows it at rest.
+def load_virtual_object(path: Path) -> VirtualObject:
+    """Return the virtual object in a GLB file, as its default scene shows it at rest.
 
     Raises `InputError` for a file that is missing, damaged, hostile or empty, has more than 2 million faces,
-    or needs what is not read: other files, compressed meshes or textures, point clouds.
+    or needs unsupported features: other files, compressed meshes or textures, point clouds.
     """
     file = GlbFile.read(Path(path))
     with sound(file.path):
-        _refuse_extensions(file)
+        needed = file.document.get("extensionsRequired", [])
+        if unread := sorted({str(name) for name in needed} - _READ_EXTENSIONS):
+            names = ", ".join(unread)[:100]
+            raise InputError(f"{file.path} needs {names}, which is not read; export it without extensions.")
         instances = list(_instances(file))
         _check_count(file, instances)
         parts = [_part(file, primitive, matrix) for primitive, matrix in instances]
-        materials, reader = [], TextureReader(file)
+        materials, reader = {}, TextureReader(file)
         for index in dict.fromkeys(part.source for part in parts):
             entry = {} if index is None else file.entry("materials", index)
-            materials.append((index, Material.of(entry, reader)))
-        return _joined(file, parts, dict(materials))
+            materials[index] = Material.of(entry, reader)
+        return _joined(file, parts, materials)
 
 
 @dataclass(frozen=True)
@@ -79,25 +82,14 @@ class _Part:
     source: int | None  # the document's material
 
 
-def _refuse_extensions(file: GlbFile) -> None:
-    needed = file.document.get("extensionsRequired", [])
-    unread = sorted({str(name) for name in needed} - _READ_EXTENSIONS)
-    if unread:
-        raise InputError(
-            f"{file.path} needs {', '.join(unread)[:100]}, which is not read; export it without compression or "
-            "extensions."
-        )
-
-
 def _instances(file: GlbFile) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
     """Yield every primitive of triangles that the scene shows, with its matrix to the world (4, 4)."""
-    nodes = file.entries("nodes")
+    nodes, scenes = file.entries("nodes"), file.entries("scenes")
     if len(nodes) > _MOST_NODES:
         raise InputError(f"{file.path} has {len(nodes)} nodes, more than are read; join its parts.")
-    scenes = file.entries("scenes")
-    roots = (
-        file.entry("scenes", file.document.get("scene", 0)).get("nodes", []) if scenes else range(len(nodes))
-    )
+    roots = range(len(nodes))
+    if scenes:
+        roots = file.entry("scenes", file.document.get("scene", 0)).get("nodes", [])
     waiting, seen = [(index, np.eye(4)) for index in roots], set[int]()
     while waiting:
         index, above = waiting.pop()
@@ -121,9 +113,8 @@ def _local(node: dict[str, Any]) -> np.ndarray:
     """Return a node's own transform (4, 4)."""
     if "matrix" in node:
         return numbers(node["matrix"], 16).reshape(4, 4).T
-    x, y, z, w = numbers(node.get("rotation", [0, 0, 0, 1]), 4)
-    length = max(float(np.sqrt(x * x + y * y + z * z + w * w)), 1e-12)
-    x, y, z, w = x / length, y / length, z / length, w / length
+    quaternion = numbers(node.get("rotation", [0, 0, 0, 1]), 4)
+    x, y, z, w = quaternion / max(float(np.linalg.norm(quaternion)), 1e-12)
     matrix = np.eye(4)
     matrix[:3, :3] = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -136,7 +127,7 @@ def _local(node: dict[str, Any]) -> np.ndarray:
 
 
 def _check_count(file: GlbFile, instances: list[tuple[dict[str, Any], np.ndarray]]) -> None:
-    """Refuse what has no triangles, or too many, by what the document announces."""
+    """Refuse a file without triangles, or with too many, by the counts that its document announces."""
     faces = vertices = 0
     for primitive, _ in instances:
         points = file.count(primitive["attributes"]["POSITION"])
@@ -144,10 +135,8 @@ def _check_count(file: GlbFile, instances: list[tuple[dict[str, Any], np.ndarray
         faces += corners // 3 if primitive.get("mode", _TRIANGLES) == _TRIANGLES else max(corners - 2, 0)
         vertices += points
     if faces == 0:
-        raise InputError(
-            f"{file.path} shows no triangles; export the thing's mesh, not only animations or points."
-        )
-    if faces > MOST_FACES or vertices > _MOST_VERTICES:
+        raise InputError(f"{file.path} shows no triangles; export the mesh, not only animations or points.")
+    if faces > MOST_FACES or vertices > 3 * MOST_FACES:
         raise InputError(
             f"{file.path} has {faces} faces and {vertices} vertices, more than the {MOST_FACES} faces that are read; "
             "simplify its mesh."
@@ -164,27 +153,33 @@ def _part(file: GlbFile, primitive: dict[str, Any], matrix: np.ndarray) -> _Part
     world = points @ linear.T + matrix[:3, 3]
     if not np.abs(world).max(initial=0) <= _FARTHEST:
         raise InputError(f"{file.path} has vertices absurdly far from its origin; export it again, nearer.")
-    pairs = [_attribute(file, attributes, f"TEXCOORD_{k}", ("VEC2",), len(points)) for k in (0, 1)]
+
+    def attribute(name: str, *kinds: str) -> np.ndarray | None:
+        if name not in attributes:
+            return None
+        values = file.array(attributes[name], kinds).astype(np.float64)
+        if len(values) != len(points):
+            raise ValueError(f"{name} has {len(values)} elements for {len(points)} vertices")
+        return values
+
+    pairs = [attribute(f"TEXCOORD_{k}", "VEC2") for k in (0, 1)]
     uvs = np.concatenate([np.zeros((len(points), 2)) if pair is None else pair for pair in pairs], 1)
     colors = np.ones((len(points), 4))
-    if (painted := _attribute(file, attributes, "COLOR_0", ("VEC3", "VEC4"), len(points))) is not None:
+    if (painted := attribute("COLOR_0", "VEC3", "VEC4")) is not None:
         colors[:, : painted.shape[1]] = painted.clip(0, 1)
-    normals = _attribute(file, attributes, "NORMAL", ("VEC3",), len(points))
+    normals = attribute("NORMAL", "VEC3")
     if normals is not None:
         # Normals turn with the cofactors of the transform, whose sign a mirror flips.
-        cofactors = np.stack(
-            [np.cross(linear[1], linear[2]), np.cross(linear[2], linear[0]), np.cross(*linear[:2])]
-        )
+        a, b, c = linear
+        cofactors = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
         normals = normals @ (cofactors * np.sign(np.linalg.det(linear) or 1.0)).T
-        # Several meshes may keep their vertices in one list.
-        used, corners = np.unique(faces, return_inverse=True)
+        used, corners = np.unique(faces, return_inverse=True)  # several meshes may share a list of vertices
         faces = corners.reshape(-1, 3)
         world, uvs, colors, normals = (values[used] for values in (world, uvs, colors, normals))
     else:  # flat, as glTF asks for
         world, uvs, colors = (values[faces.ravel()] for values in (world, uvs, colors))
         faces = np.arange(len(world)).reshape(-1, 3)
-        flat = np.cross(world[1::3] - world[::3], world[2::3] - world[::3])
-        normals = np.repeat(flat, 3, 0)
+        normals = np.repeat(np.cross(world[1::3] - world[::3], world[2::3] - world[::3]), 3, 0)
     length = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.where(length > 1e-20, normals / np.maximum(length, 1e-20), [0.0, 1.0, 0.0])
     return _Part(_z_up(world), faces, _z_up(normals), uvs, colors, primitive.get("material"))
@@ -195,23 +190,11 @@ def _z_up(vectors: np.ndarray) -> np.ndarray:
     return np.stack([vectors[:, 0], -vectors[:, 2], vectors[:, 1]], 1)
 
 
-def _attribute(
-    file: GlbFile, attributes: dict[str, Any], name: str, kinds: tuple[str, ...], count: int
-) -> np.ndarray | None:
-    if name not in attributes:
-        return None
-    values = file.array(attributes[name], kinds).astype(np.float64)
-    if len(values) != count:
-        raise ValueError(f"{name} has {len(values)} elements for {count} vertices")
-    return values
-
-
 def _triangles(file: GlbFile, primitive: dict[str, Any], count: int) -> np.ndarray:
     """Return the faces (F, 3) int64 of a list, strip or fan of triangles."""
+    index = np.arange(count)
     if "indices" in primitive:
         index = file.array(primitive["indices"], ("SCALAR",))[:, 0].astype(np.int64)
-    else:
-        index = np.arange(count)
     if index.max(initial=-1) >= count:
         raise ValueError("an index names a vertex that does not exist")
     mode = primitive.get("mode", _TRIANGLES)
@@ -224,7 +207,7 @@ def _triangles(file: GlbFile, primitive: dict[str, Any], count: int) -> np.ndarr
     return faces
 
 
-def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Material]) -> Thing:
+def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Material]) -> VirtualObject:
     """Return all parts as one; open parts that are two-sided get their other side as faces of its own."""
     order = list(materials)
     columns: dict[str, list[np.ndarray]] = {key: [] for key in ("vertices", "normals", "uvs", "colors")}
@@ -240,27 +223,22 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
             kinds.append(np.full(len(here), order.index(part.source)))
             base, count = base + len(part.vertices), count + len(here)
     if count > MOST_FACES:
-        raise InputError(
-            f"{file.path} has {count} faces with both sides of its sheets, too many; simplify its mesh."
-        )
+        raise InputError(f"{file.path} has {count} faces, both sides of sheets counted; simplify its mesh.")
     vertices = np.concatenate(columns["vertices"])
     if (vertices.max(0) - vertices.min(0)).max() < 1e-9:
         raise InputError(f"{file.path} has no extent: all its vertices are at one point.")
-    joined = {key: torch.from_numpy(np.concatenate(values)).float() for key, values in columns.items()}
-    return Thing(
-        **joined,
+    return VirtualObject(
+        **{key: torch.from_numpy(np.concatenate(values)).float() for key, values in columns.items()},
         faces=torch.from_numpy(np.concatenate(faces).astype(np.int32)),
         material=torch.from_numpy(np.concatenate(kinds)),
         twin=torch.from_numpy(np.concatenate(twins)),
-        materials=tuple(materials[key] for key in order),
+        materials=tuple(materials.values()),
         warnings=tuple(_warnings(file)),
     )
 
 
 def _encloses(part: _Part) -> bool:
-    """Return whether a part bounds a solid, where vertices that textures and creases have split are one
-    again.
-    """
+    """Return whether a part bounds a solid, with vertices joined that textures and creases have split."""
     points, index = np.unique(part.vertices.astype(np.float32) + 0.0, axis=0, return_inverse=True)
     return is_closed(torch.from_numpy(points), torch.from_numpy(index.reshape(-1)[part.faces]))
 
@@ -271,4 +249,4 @@ def _warnings(file: GlbFile) -> Iterator[str]:
     if odd:
         yield f"{file.path}: {', '.join(odd)[:100]} is left out; glass, coats and the like are drawn as plain surfaces."
     if file.entries("skins"):
-        yield f"{file.path} has a skeleton; the thing is drawn in the pose that its mesh is stored in."
+        yield f"{file.path} has a skeleton; the object is drawn in the pose that its mesh is stored in."
