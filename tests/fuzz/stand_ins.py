@@ -51,9 +51,10 @@ class StandIn:
 
     @staticmethod
     def _of_service(request: dict[str, Any]) -> dict[str, Any]:
-        from lightprobe.service.asked import FILES, Output
+        from lightprobe.jobs import AnswerFiles, Output
 
-        folder, names = Path(request["folder"]), [FILES[Output(output)] for output in request["outputs"]]
+        folder, outputs = Path(request["folder"]), [Output(output) for output in request["outputs"]]
+        names = [path.name for path in AnswerFiles.within(folder, outputs).paths.values()]
         for path in (request["photo"], request["mask"], request["camera"]):
             if path is not None and not Path(path).resolve().is_relative_to(folder.resolve()):
                 raise AssertionError("a file of a request outside its folder")

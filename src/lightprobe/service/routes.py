@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,8 +16,8 @@ from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
 from lightprobe.service.answers import AnswerKind, accepted_kind, answer
 from lightprobe.service.app import Service, note, request_id
-from lightprobe.service.asked import FIELDS, Asked
 from lightprobe.service.errors import GONE, BusyError, SlowClientError
+from lightprobe.service.fields import FIELDS, predict_request
 from lightprobe.service.incoming import renamed
 from lightprobe.service.multipart import Form, receive_form
 from lightprobe.service.objects import KnownObject
@@ -27,7 +28,7 @@ from lightprobe.service.telemetry import METRICS_TYPE
 router = APIRouter()
 
 _LISTED = 1000  # objects of one answer
-_LIMITS = {name: limit for name, (limit, _) in FIELDS.items()}
+_LIMITS = {name: limit for name, (limit, *_) in FIELDS.items()}
 
 
 def _service(request: Request) -> Service:
@@ -126,18 +127,13 @@ async def _predicted(
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
     try:
-        asked = await run_in_threadpool(Asked.of, form, folder)
+        wanted, deadline = await run_in_threadpool(predict_request, form, folder)
     except LightprobeError as error:
         raise type(error)(renamed(str(error), names)) from error
-    outputs = asked.outputs if kind.output is None else (kind.output,)
-    wanted = {
-        **asked.to_json(),
-        "task": "predict",
-        "run": str(known.run.path),
-        "folder": f"{folder}/",
-        "outputs": list(outputs),
-    }
-    task = Task(wanted, known.name, min(asked.deadline or service.deadline, service.deadline))
+    if kind.output is not None:
+        wanted = replace(wanted, outputs=(kind.output,))
+    work = {**wanted.to_json(), "task": "predict", "run": str(known.run.path), "folder": f"{folder}/"}
+    task = Task(work, known.name, min(deadline or service.deadline, service.deadline))
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))
     try:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.device import resolve_device
-from lightprobe.runs.loaded import LoadedRuns
+from lightprobe.jobs import Sessions
 from lightprobe.service.incoming import renamed
 from lightprobe.service.worker_loop import Tell, answer_requests
 from lightprobe.view.forming import FormingObjects
@@ -20,7 +20,7 @@ class Tasks:
     def __init__(self, device: str):
         where = resolve_device(device)
         self._runs, self._forming = (
-            LoadedRuns(where, most=1),
+            Sessions(where, most=1),
             FormingObjects(where),
         )  # two need not be held at once
 

@@ -15,7 +15,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.light.files import light_file, other_map, write_map
 from lightprobe.light.sources import LightSource
 from lightprobe.models.calibration import Calibration
-from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
+from lightprobe.jobs.light_files import scene_light, tell_of_scale, whole_light
 
 LAMPS = (
     LightSource((0.48, 0.6, 0.64), math.radians(6), (3.0, 2.4, 1.5)),
