@@ -9,7 +9,7 @@ import h11
 import uvicorn
 from uvicorn.server import ServerState
 
-from lightprobe.service.asgi import App, Message, Receive, Scope, Send
+from lightprobe.web.asgi import App, Message, Receive, Scope, Send
 
 _PIECE = 1000  # bytes that arrive together
 

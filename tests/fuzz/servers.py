@@ -16,20 +16,21 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from unittest import mock
 
+from lightprobe.service.errors import STATUS
+from lightprobe.service.pool import Pool
+from lightprobe.service.running import server_settings
+from lightprobe.service.slot import SlotSettings, SlotState
+from lightprobe.view.jobs import Jobs, JobState, TaskName
+
 from lightprobe.service import slot
 from lightprobe.service.app import Service
 from lightprobe.service.app import create_app as service_app
 from lightprobe.service.devices import CPU, Assignment
-from lightprobe.service.errors import STATUS
 from lightprobe.service.objects import Objects
-from lightprobe.service.pool import Pool
-from lightprobe.service.running import server_settings
-from lightprobe.service.slot import SlotSettings, SlotState
 from lightprobe.service.telemetry import JsonLines, Telemetry
 from lightprobe.view import jobs
 from lightprobe.view.app import Session
 from lightprobe.view.app import create_app as page_app
-from lightprobe.view.jobs import Jobs, JobState, TaskName
 from lightprobe.view.sources import Sources
 from lightprobe.view.uploads import UploadKind, Uploads
 from tests.changes import changed_path

@@ -6,9 +6,9 @@ import signal
 from pathlib import Path
 
 import pytest
+from lightprobe.service.asgi import reply
 
 from lightprobe.core.errors import InputError
-from lightprobe.service.asgi import reply
 from tests.fuzz import requests, servers, worker
 from tests.fuzz.__main__ import Attack, main
 from tests.fuzz.connection import Answer

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import uvicorn
 
-from lightprobe.service.worker_process import worker_command
-from lightprobe.view.app import Session, create_app
-from lightprobe.view.jobs import Jobs
+from lightprobe.view.app import create_app
 from lightprobe.view.network import open_address
+from lightprobe.view.routes import Session
 from lightprobe.view.sources import Sources
+from lightprobe.view.tasks import Tasks
 from lightprobe.view.uploads import Uploads
+from lightprobe.web.worker import WorkerProcess, worker_command
 
 CHROMIUM = shutil.which("chromium")
 # offline, and drawn by the processor: the same picture on every machine
@@ -37,11 +38,12 @@ class Running:
 
     def __init__(self, folders: list[Path], folder: Path):
         """Serve runs and scenes; files in `folder`."""
-        for part in ("uploads", "jobs", "pictures"):
+        for part in ("uploads", "tasks", "pictures"):
             (folder / part).mkdir(parents=True)
-        self.jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", "cpu"))
+        command = worker_command("lightprobe.view.worker", "cpu")
+        self.tasks = Tasks(folder / "tasks", lambda number: WorkerProcess(command))
         self._session = Session(
-            Sources.of(folders), Uploads(folder / "uploads"), self.jobs, folder / "pictures"
+            Sources.of(folders), Uploads(folder / "uploads"), self.tasks, folder / "pictures"
         )
         self.port = 0
         self.start()
@@ -70,7 +72,7 @@ class Running:
     def close(self) -> None:
         """End everything."""
         self.stop()
-        self.jobs.close()
+        self.tasks.pool.close()
 
 
 @contextlib.contextmanager

@@ -5,16 +5,12 @@ import json
 import numpy as np
 import pytest
 from PIL import Image
-from starlette.testclient import TestClient
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.imaging import read_mask, write_png
 from lightprobe.scene.masks import mask_turn
-from lightprobe.view.app import Session, create_app
-from lightprobe.view.jobs import Jobs
 from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
 from lightprobe.view.sources import Sources
-from lightprobe.view.uploads import Uploads
 
 
 @pytest.fixture
@@ -96,11 +92,6 @@ def test_a_box_is_kept_or_becomes_an_option(prepared, tmp_path):
         save_mask(plain, 0, tmp_path / "p.png")
 
 
-def test_a_mask_that_is_no_picture_is_refused_without_the_place_where_it_lies(prepared, tmp_path):
-    jobs = Jobs(tmp_path / "jobs", ())
-    session = Session(Sources((), (prepared.source,)), Uploads(tmp_path), jobs, tmp_path)
-    client = TestClient(create_app(session, frozenset({"testserver"}), None), headers={"x-lightprobe": "1"})
-    answer = client.put("/api/scenes/0/photos/0/mask", content=b"no picture")
-    jobs.close()
-    assert answer.status_code == 422
-    assert answer.json()["sentence"].startswith("The mask is not a PNG")
+def test_a_mask_that_is_no_picture_is_refused_without_the_place_where_it_lies(prepared, client_of, sentence):
+    answer = client_of(prepared.source.folder).put("/api/scenes/0/photos/0/mask", content=b"no picture")
+    assert sentence(answer, 422).startswith("The mask is not a PNG")

@@ -13,7 +13,7 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from lightprobe.service.asked import FILES, MEDIA_TYPES, Output
-from lightprobe.service.errors import NotAcceptableError
+from lightprobe.web.errors import NotAcceptableError
 
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
 

@@ -12,8 +12,8 @@ from lightprobe.core.errors import ConfigError, InputError, shown
 from lightprobe.imaging.opening import file_kind
 from lightprobe.light.upsampling import map_height
 from lightprobe.scene.camera import Camera
-from lightprobe.service.errors import MIB
-from lightprobe.service.multipart import Form, Part
+from lightprobe.web.errors import MIB
+from lightprobe.web.uploads import Form, Part
 
 
 class Output(StrEnum):

@@ -1,20 +1,14 @@
-"""The objects of a folder of runs, found by their names in its listing: no name of a request ever becomes a
-path.
-"""
+"""The objects of a folder of runs, found by their names in its listing: no name of a request becomes a path."""
 
 import os
-import threading
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.core.run import RunFolder
-from lightprobe.service.errors import UnknownObjectError
-
-_FRESH = 2.0  # seconds for which a listing is taken to be what the folder holds
+from lightprobe.web.errors import UnknownObjectError
 
 
 @dataclass(frozen=True)
@@ -48,39 +42,34 @@ class Objects:
             raise InputError(
                 f"{folder} is a run itself; name the folder that holds it: {self._folder.parent}"
             )
-        self._lock = threading.Lock()
-        self._listed: tuple[float, dict[str, Path]] = (-_FRESH, {})
 
     def find(self, name: str) -> KnownObject:
         """Return the object of a name; raise `UnknownObjectError` when there is none."""
-        path = self._listing(fresh=False).get(name) or self._listing(fresh=True).get(name)
+        path = self._listing().get(name)
         if path is None or (found := _object(name, path)) is None:
-            raise UnknownObjectError.of(name)
+            raise UnknownObjectError(
+                f"There is no object '{shown(name)}' here; GET /objects lists their names."
+            )
         return found
 
     def after(self, name: str, most: int) -> tuple[list[KnownObject], str | None]:
         """Return at most `most` objects whose names follow `name`, and the last name unless these are all."""
         found: list[KnownObject] = []
-        for key, path in sorted(self._listing(fresh=False).items()):
+        for key, path in sorted(self._listing().items()):
             if key > name and (one := _object(key, path)) is not None:
                 if len(found) == most:
                     return found, found[-1].name
                 found.append(one)
         return found, None
 
-    def _listing(self, *, fresh: bool) -> dict[str, Path]:
+    def _listing(self) -> dict[str, Path]:
         """Return the folders by their names; links are not followed, as they could lead anywhere."""
-        with self._lock:
-            when, listed = self._listed
-            if fresh or time.monotonic() - when > _FRESH:
-                with disk_errors(self._folder), os.scandir(self._folder) as entries:
-                    listed = {
-                        entry.name: Path(entry.path)
-                        for entry in entries
-                        if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
-                    }
-                self._listed = time.monotonic(), listed
-            return listed
+        with disk_errors(self._folder), os.scandir(self._folder) as entries:
+            return {
+                entry.name: Path(entry.path)
+                for entry in entries
+                if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
+            }
 
 
 def _object(name: str, path: Path) -> KnownObject | None:

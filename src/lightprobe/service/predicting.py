@@ -16,7 +16,7 @@ from lightprobe.runs.loaded import LoadedRun, LoadedRuns
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import NewPhoto, PhotoFiles
 from lightprobe.service.asked import FILES, Output
-from lightprobe.service.worker_loop import Tell
+from lightprobe.web.worker import Tell
 
 
 def predict(runs: LoadedRuns, request: dict[str, Any], max_pixels: int, tell: Tell) -> dict[str, Any]:

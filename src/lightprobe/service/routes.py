@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,20 +15,32 @@ from starlette.responses import JSONResponse, Response
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
 from lightprobe.service.answers import AnswerKind, accepted_kind, answer
-from lightprobe.service.app import Service, note, request_id
 from lightprobe.service.asked import FIELDS, Asked
-from lightprobe.service.errors import GONE, BusyError, SlowClientError
-from lightprobe.service.incoming import renamed
-from lightprobe.service.multipart import Form, receive_form
-from lightprobe.service.objects import KnownObject
-from lightprobe.service.pool import Task
+from lightprobe.service.objects import KnownObject, Objects
 from lightprobe.service.schemas import BODY, RESPONSES, ObjectEntry, ObjectList
-from lightprobe.service.telemetry import METRICS_TYPE
+from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
+from lightprobe.web.errors import SlowClientError, TooManyRequestsError
+from lightprobe.web.pool import Pool, Task
+from lightprobe.web.uploads import Form, receive_form, renamed
 
 router = APIRouter()
 
 _LISTED = 1000  # objects of one answer
 _LIMITS = {name: limit for name, (limit, _) in FIELDS.items()}
+
+
+@dataclass(frozen=True)
+class Service:
+    """What the routes share."""
+
+    objects: Objects
+    pool: Pool
+    telemetry: Telemetry
+    folder: Path  # temporary, for the files of requests
+    deadline: float  # seconds that a request may take from its acceptance on
+    upload_seconds: float  # that its body may take to arrive
+    uploads: int  # bodies that are received at once
+    receiving: set[Path] = field(default_factory=set)  # folders of requests whose bodies are being received
 
 
 def _service(request: Request) -> Service:
@@ -44,7 +57,7 @@ async def predict(name: str, request: Request, service: ServiceArg) -> Response:
     kind = accepted_kind(request.headers.get("accept", ""))
     known = await run_in_threadpool(service.objects.find, name)
     service.pool.check_room()  # before the photo is sent
-    folder = service.folder / f"request-{request_id(request)[:8]}-{id(request):x}"
+    folder = service.folder / f"request-{request.state.request_id[:8]}-{id(request):x}"
     with disk_errors(folder):
         folder.mkdir()
     done = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
@@ -52,10 +65,8 @@ async def predict(name: str, request: Request, service: ServiceArg) -> Response:
         form = await _received(request, service, folder)
         told = await _predicted(request, service, known, form, kind, folder)
         return await run_in_threadpool(answer, kind, told, folder, done)
-    except BaseException as error:
+    except BaseException:
         await run_in_threadpool(done.func, *done.args, **done.kwargs)
-        if isinstance(error, ClientDisconnect):
-            return Response(status_code=GONE)
         raise
 
 
@@ -85,14 +96,11 @@ async def health() -> dict[str, str]:
 @router.get("/ready")
 async def ready(service: ServiceArg) -> Response:
     """Tell whether a worker can take photos and there is room in the queue; 503 otherwise."""
-    room = service.pool.waiting < service.pool.limit
-    state = {
-        "ready": service.pool.ready and room,
-        "waiting": service.pool.waiting,
-        "limit": service.pool.limit,
-    }
-    workers = [slot.state.value for slot in service.pool.slots]
-    return JSONResponse({**state, "workers": workers}, 200 if state["ready"] else 503)
+    pool = service.pool
+    is_ready = pool.ready and pool.waiting < pool.limit
+    workers = [slot.state.value for slot in pool.slots]
+    state = {"ready": is_ready, "waiting": pool.waiting, "limit": pool.limit, "workers": workers}
+    return JSONResponse(state, 200 if is_ready else 503)
 
 
 @router.get("/metrics")
@@ -102,11 +110,12 @@ async def metrics(service: ServiceArg) -> Response:
 
 
 async def _received(request: Request, service: Service, folder: Path) -> Form:
-    """Return the form of a request; raise `BusyError` where too many are sent at once, `SlowClientError` too
-    late.
+    """Return the form of a request.
+
+    Raises `TooManyRequestsError` where too many are sent at once, `SlowClientError` where it comes too slowly.
     """
     if len(service.receiving) >= service.uploads:
-        raise BusyError(f"{service.uploads} photos are being sent already; try again in a second.")
+        raise TooManyRequestsError(f"{service.uploads} photos are being sent already; try again in a second.")
     service.receiving.add(folder)
     try:
         with service.telemetry.uploads.track_inprogress():
@@ -137,25 +146,27 @@ async def _predicted(
         "folder": f"{folder}/",
         "outputs": list(outputs),
     }
-    task = Task(wanted, known.name, min(asked.deadline or service.deadline, service.deadline))
+    seconds = min(asked.deadline or service.deadline, service.deadline)
+    task = Task(request=wanted, object=known.name, seconds=seconds)
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))
+    noted = request.state.noted
     try:
         told = await _awaited(request, service, task)
     finally:
-        note(request, object=known.name, waited=round(task.waited, 4), tries=task.tries, worker=task.worker)
+        noted.update(object=known.name, waited=round(task.waited, 4), tries=task.tries, worker=task.slot)
     waited = task.waited
     service.telemetry.waited.observe(waited)
     service.telemetry.predicted.labels(told["method"]).observe(told["seconds"]["all"])
-    note(request, prediction=told["method"], verdict=told["verdict"]["status"])
-    seconds = {"waiting": waited, **told["seconds"]}
-    return {"object": known.name, "request": request_id(request), **told, "seconds": seconds}
+    noted.update(prediction=told["method"], verdict=told["verdict"]["status"])
+    about = {"object": known.name, "request": request.state.request_id}
+    return {**about, **told, "seconds": {"waiting": waited, **told["seconds"]}}
 
 
 async def _awaited(request: Request, service: Service, task: Task) -> dict[str, Any]:
     """Return the result of a task; raise `ClientDisconnect` when nobody is there any more to be told.
 
-    A request that has begun by then is waited for, as its worker goes on to write into its folder.
+    A task that has begun by then is waited for, as its worker goes on to write into its folder.
     """
     result = asyncio.wrap_future(task.answer)
     gone = asyncio.ensure_future(_disconnected(request))

@@ -1,8 +1,6 @@
-"""The process that computes for the service, see `service.worker_loop`: predictions, with objects that stay
-loaded.
+"""The process that computes for the service, see `web.worker`: predictions, with objects that stay loaded.
 
-Before any request it says {"result": {"ready": true, ...}}. Every result has "worker": what it keeps and how
-much.
+Every result has "worker": what the process keeps and how much.
 """
 
 import os
@@ -16,9 +14,9 @@ from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import printable
 from lightprobe.core.memory import resident_bytes
 from lightprobe.runs.loaded import LoadedRuns
-from lightprobe.service.incoming import renamed
 from lightprobe.service.predicting import predict
-from lightprobe.service.worker_loop import Tell, answer_requests
+from lightprobe.web.uploads import renamed
+from lightprobe.web.worker import Tell, answer_requests
 
 
 class Worker:
@@ -33,8 +31,6 @@ class Worker:
 
     def answer(self, request: dict[str, Any], tell: Tell) -> dict[str, Any]:
         """Return the result of a request; raise `LightprobeError` when it cannot be had."""
-        if request["task"] == "start":
-            return {"ready": True}
         result = predict(self._runs, request, self._max_pixels, tell)
         held = self._runs.trim()
         return {
@@ -51,8 +47,6 @@ class Worker:
 
 def reworded(request: dict[str, Any], sentence: str) -> str:
     """Return a sentence without the places that files have here."""
-    if "run" not in request:
-        return sentence
     names = {Path(request["photo"]): str(request["name"]), Path(request["run"]): Path(request["run"]).name}
     if request["mask"] is not None:
         names[Path(request["mask"])] = "the mask"

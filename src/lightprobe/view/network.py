@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
-from lightprobe.service.listening import listening_socket
+from lightprobe.web.listening import listening_socket
 
 _LOCAL = "127.0.0.1"
 _HTTP = 80  # port of an address without one

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from lightprobe.core.extras import extra_library
 from lightprobe.core.partial import partial_folder
-from lightprobe.service.listening import until_interrupted
 from lightprobe.view.network import Address, open_address, qr_code
 from lightprobe.view.sources import Sources
+from lightprobe.web.listening import run_app, until_interrupted
+from lightprobe.web.worker import WorkerProcess, worker_command
 
 PORT = 8421
 """Where the page is unless another port is asked for."""
@@ -54,18 +55,18 @@ def _run(sources: Sources, address: Address, folder: Path, device: str) -> None:
     """Answer requests on the address's socket, files in `folder`, until a signal ends it."""
     from uvicorn.config import LOGGING_CONFIG
 
-    from lightprobe.service.running import run_app
-    from lightprobe.service.worker_process import worker_command
-    from lightprobe.view.app import Session, create_app
-    from lightprobe.view.jobs import Jobs
+    from lightprobe.view.app import create_app
+    from lightprobe.view.routes import Session
+    from lightprobe.view.tasks import Tasks
     from lightprobe.view.uploads import Uploads
 
-    for part in ("uploads", "jobs", "pictures"):
+    for part in ("uploads", "tasks", "pictures"):
         (folder / part).mkdir()
-    jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", device))
+    command = worker_command("lightprobe.view.worker", device)
+    tasks = Tasks(folder / "tasks", lambda number: WorkerProcess(command))
     try:
-        session = Session(sources, Uploads(folder / "uploads"), jobs, folder / "pictures")
+        session = Session(sources, Uploads(folder / "uploads"), tasks, folder / "pictures")
         app = create_app(session, address.hosts, address.token)
         run_app(app, address.listening, grace=2, log_config=LOGGING_CONFIG)
     finally:
-        jobs.close()
+        tasks.pool.close()

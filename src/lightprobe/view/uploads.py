@@ -1,8 +1,4 @@
-"""Files that a person gives to the page: streamed to the temporary folder up to a limit, told by their
-content.
-
-Their names are only shown. What they are kept as is chosen here.
-"""
+"""Files that a person gives to the page: kept up to a limit, told by their content; the last few of each kind."""
 
 import secrets
 import threading
@@ -18,10 +14,10 @@ from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.imaging import image_size, is_video
 from lightprobe.insertion import load_thing
 from lightprobe.light.environment import read_map
-from lightprobe.service.errors import MIB
-from lightprobe.service.incoming import photo_suffix, renamed, shown_name, stream_to
-from lightprobe.view.light_files import light_suffix
+from lightprobe.web.errors import MIB
+from lightprobe.web.uploads import photo_suffix, quoted_name, receive_file, renamed
 
+_EXR = (20000630).to_bytes(4, "little")  # OpenEXR's magic number
 _KEPT = 24  # files of one kind; the oldest go first
 
 
@@ -30,11 +26,11 @@ class UploadKind(StrEnum):
 
     PHOTO = "photo"
     LIGHT = "light"
-    THING = "thing"
-    """A GLB that is to stand beside the object."""
+    OBJECT = "object"
+    """A GLB that is to stand beside the known object."""
 
 
-LIMITS = {UploadKind.PHOTO: 64 * MIB, UploadKind.LIGHT: 256 * MIB, UploadKind.THING: 200 * MIB}
+LIMITS = {UploadKind.PHOTO: 64 * MIB, UploadKind.LIGHT: 256 * MIB, UploadKind.OBJECT: 200 * MIB}
 """The most bytes of a file of each kind."""
 
 
@@ -70,11 +66,11 @@ class Uploads:
 
         Raises `TooLargeError` as soon as it is too large, `InputError` when it is not what it should be.
         """
-        name = shown_name(request.headers.get("x-file-name", ""))
+        name = quoted_name(request)
         id = secrets.token_urlsafe(9)
         path = self._folder / f"{kind.value}-{id}"
         try:
-            await stream_to(request, path, LIMITS[kind], name)
+            await receive_file(request, path, LIMITS[kind], name)
             path = await run_in_threadpool(_checked, kind, path, name)
         except BaseException:
             path.unlink(missing_ok=True)
@@ -101,7 +97,7 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
             image_size(path)
             return path
         if kind is UploadKind.LIGHT:
-            path = path.rename(path.with_suffix(light_suffix(path, name)))
+            path = path.rename(path.with_suffix(_light_suffix(path, name)))
             read_map(path)
             return path
         path = path.rename(path.with_suffix(".glb"))
@@ -110,3 +106,16 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
     except LightprobeError as error:
         path.unlink(missing_ok=True)
         raise InputError(renamed(str(error), {path: name})) from error
+
+
+def _light_suffix(path: Path, name: str) -> str:
+    """Return the suffix of a map by what its file holds; raise `InputError` for another file."""
+    with open(path, "rb") as file:
+        start = file.read(4)
+    if start == _EXR:
+        return ".exr"
+    if start.startswith(b"#?"):
+        return ".hdr"
+    raise InputError(
+        f"{name} is no OpenEXR and no Radiance HDR file; choose an .exr or .hdr environment map."
+    )
