@@ -13,6 +13,7 @@ import argparse
 import hashlib
 import os
 import platform
+import shutil
 import subprocess
 import sys
 import time
@@ -59,15 +60,15 @@ class Attack:
         self.targets, self.seed = targets, seed
         self.tallies = {target.name: Tally() for target in targets}
         self._corpus, self._findings = folder / "corpus", folder / "findings"
-        for target in targets:
-            target.write(self._corpus)
+        shutil.rmtree(self._corpus, ignore_errors=True)
+        self._files = {target.name: target.write(self._corpus) for target in targets}
         self._worker = Worker(self._corpus, only=frozenset(self.tallies))
 
     def check_corpus(self) -> list[str]:
         """Return what is wrong with the valid files: a reader is attacked only beyond what it reads."""
         wrong = []
         for target in self.targets:
-            for file in target.files:
+            for file in self._files[target.name]:
                 outcome = self._worker.read(target.name, file, self._valid(target, file))
                 if outcome.refused or outcome.finding:
                     wrong.append(f"{target.name}, {file}: {outcome.finding or 'refused'} {outcome.detail}")
@@ -80,9 +81,8 @@ class Attack:
             for index, edits in enumerate(self._edits(target, batch, seed)):
                 if time.monotonic() > until:
                     return
-                self._try(
-                    target, target.files[(number + index) % len(target.files)], edits, mend=index % 2 == 1
-                )
+                files = self._files[target.name]
+                self._try(target, files[(number + index) % len(files)], edits, mend=index % 2 == 1)
 
     def again(self) -> list[str]:
         """Read all findings that are kept once more, and return what is still wrong."""

@@ -107,7 +107,7 @@ def _serve(connection: Connection, corpus: str, source: tuple[str, str, frozense
         targets = {target.name: target for target in found}
         for target in found:
             target.copy(Path(corpus), Path(folder))
-            for file in target.files:
+            for file in target.write(Path(corpus)):
                 with contextlib.suppress(
                     Exception
                 ):  # compiles what is compiled; __main__ checks that they are valid

@@ -105,11 +105,9 @@ def test_files_are_sent_whole_whatever_part_is_asked_for(client, sentence):
 
 
 def test_a_client_that_goes_while_it_sends_leaves_no_error_and_no_file(client, tmp_path, sentence):
-    settings = server_settings(client.app)
-    watched = Watched(settings.app)
-    settings.app = watched
+    settings = server_settings(Watched(client.app))
     data = b"POST /api/lights HTTP/1.1\r\nhost: testserver\r\nx-lightprobe: 1\r\ncontent-length: 9\r\n\r\nabc"
-    (answer,), _ = asyncio.run(exchange(settings, watched, data))
+    (answer,), _ = asyncio.run(exchange(settings, data))
     assert (answer.error, answer.gone) == (None, True)
     assert list((tmp_path / "session" / "uploads").iterdir()) == []
 
