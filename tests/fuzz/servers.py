@@ -18,8 +18,8 @@ from typing import Any
 
 import h11
 
+from lightprobe.jobs import AnswerFiles, Output
 from lightprobe.service.app import create_app as service_app
-from lightprobe.service.asked import FILES, Output
 from lightprobe.service.objects import Objects
 from lightprobe.service.routes import Service
 from lightprobe.service.telemetry import JsonLines, Telemetry
@@ -79,16 +79,21 @@ class StandIn:
         for path in (request["photo"], request["mask"], request["camera"]):
             if path is not None and not Path(path).resolve().is_relative_to(folder.resolve()):
                 raise AssertionError("a file of a request outside its folder")
-        names = [FILES[Output(output)] for output in request["outputs"]]
-        for name in names:
-            (folder / name).write_bytes(b"map")
+        paths = AnswerFiles.within(folder, map(Output, request["outputs"])).paths.values()
+        for path in paths:
+            path.write_bytes(b"map")
         told = {
             "method": request["method"] or "solve",
             "verdict": {"status": "good"},
             "pose": None,
             "warnings": [],
         }
-        return {**told, "light": {"asked": request}, "files": names, "seconds": {"all": 0.01}}
+        return {
+            **told,
+            "light": {"asked": request},
+            "files": [path.name for path in paths],
+            "seconds": {"all": 0.01},
+        }
 
     def kill(self) -> None:
         """End it."""

@@ -15,7 +15,7 @@ import zipfile
 import httpx2
 import pytest
 
-from lightprobe.service.asked import FIELDS
+from lightprobe.service.fields import FIELDS
 from tests.service.serving import PNG, log_lines, serving
 
 TOKEN = "a-token-that-is-long-enough"
@@ -48,7 +48,12 @@ def test_an_answer_is_json_an_archive_or_the_map(served):
         "light.hdr": b"hdr",
     }
     asked = told["light"]["asked"]
-    assert (asked["height"], asked["method"], asked["sources"], asked["camera"]) == (256, "solve", True, None)
+    assert (asked["size"], asked["method"], asked["sources"], asked["camera"]) == (
+        "512x256",
+        "solve",
+        True,
+        None,
+    )
     archive = served.predict(headers={"accept": "application/zip"})
     with zipfile.ZipFile(io.BytesIO(archive.content)) as files:
         assert set(files.namelist()) == {"answer.json", "light.light.json", "light.exr", "confidence.exr"}

@@ -9,7 +9,7 @@ from tyro.conf import Positional
 from lightprobe.cli.answer import keep, say
 from lightprobe.cli.options import Device, RunArg, option
 from lightprobe.core.errors import ConfigError
-from lightprobe.runs.insertion import insert_object
+from lightprobe.jobs.insertion import insert_object
 
 _PhotoArg = Annotated[Positional[Path], option(metavar="PHOTO", help="Photo of the run's object.")]
 _ThingArg = Annotated[

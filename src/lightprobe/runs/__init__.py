@@ -19,25 +19,18 @@ if TYPE_CHECKING:
         reset_calibration,
     )
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
-    from lightprobe.runs.insertion import InsertedObject, insert_object
-    from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
     from lightprobe.runs.pages import compare_runs, write_gallery
-    from lightprobe.runs.predictions import PredictionFiles, predict_one_light, predict_photos
     from lightprobe.runs.preparing import prepare_scene
     from lightprobe.runs.progress import OnProgress
     from lightprobe.runs.training import distill_run, fit_run, train_run
-    from lightprobe.runs.videos import predict_video, predict_video_light
 
 __all__ = [
     "BenchOptions",
     "EvaluatedRun",
     "EvaluationOptions",
-    "InsertedObject",
-    "LocationFiles",
     "OnProgress",
     "Point",
-    "PredictionFiles",
     "calibrate_by_albedo",
     "calibrate_by_light",
     "calibrate_by_meter",
@@ -46,12 +39,6 @@ __all__ = [
     "evaluate_run",
     "export_run",
     "fit_run",
-    "insert_object",
-    "locate_photos",
-    "predict_one_light",
-    "predict_photos",
-    "predict_video",
-    "predict_video_light",
     "prepare_scene",
     "relight_run",
     "render_run",
@@ -66,11 +53,8 @@ _HOME = {
     "BenchOptions": "bench",
     "EvaluatedRun": "evaluation",
     "EvaluationOptions": "evaluation",
-    "InsertedObject": "insertion",
-    "LocationFiles": "locations",
     "OnProgress": "progress",
     "Point": "calibration",
-    "PredictionFiles": "predictions",
     "calibrate_by_albedo": "calibration",
     "calibrate_by_light": "calibration",
     "calibrate_by_meter": "calibration",
@@ -79,12 +63,6 @@ _HOME = {
     "evaluate_run": "evaluation",
     "export_run": "outputs",
     "fit_run": "training",
-    "insert_object": "insertion",
-    "locate_photos": "locations",
-    "predict_one_light": "predictions",
-    "predict_photos": "predictions",
-    "predict_video": "videos",
-    "predict_video_light": "videos",
     "prepare_scene": "preparing",
     "relight_run": "outputs",
     "render_run": "outputs",

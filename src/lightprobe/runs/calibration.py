@@ -27,15 +27,17 @@ from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
 from lightprobe.imaging import LUMA
+from lightprobe.jobs.files import ChosenFiles
+from lightprobe.jobs.light_files import whole_light
+from lightprobe.jobs.photos import NewPhoto, known_photo, read_photo
+from lightprobe.jobs.request import PredictRequest
+from lightprobe.jobs.session import load_locator
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import USUAL_MEAN, tone_map
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration, is_plausible
 from lightprobe.prediction import Predictor
 from lightprobe.render.asset import rasterize_asset
-from lightprobe.runs.light_files import whole_light
-from lightprobe.runs.locations import LocationFiles, photo_mask
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
 from lightprobe.scene.camera import Camera
 
 _ROUNDS = 3  # of a factor that also changes what the object reflects onto itself
@@ -152,7 +154,7 @@ def calibrate_by_albedo(
     if cover >= _OPAQUE:
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
-    around = opened.photos.surroundings(0, opened.photo)
+    around = opened.photo.surroundings()
     rows, columns = (np.arange(n) * m // n for n, m in zip(around.shape, alpha.shape, strict=False))
     patch = _patch(opened.photo.camera, around.shape[:2], point) & (alpha[rows][:, columns] <= 1 - _OPAQUE)
     value = torch.from_numpy(np.median(around[patch], axis=0)).float()
@@ -205,7 +207,6 @@ class _Opened:
     """A run in its own gauge, and a photo of its object."""
 
     run: RunFolder
-    photos: NewPhotos  # the one photo, for what is around the object
     photo: NewPhoto
     decomposition: Decomposition
     device: torch.device
@@ -215,13 +216,16 @@ class _Opened:
         folder: Path, image: Path, camera: Path | None, mask: Path | None, device: str | torch.device
     ) -> "_Opened":
         run, where = RunFolder.open(folder), resolve_device(device)
-        found = LocationFiles().within(run.path / "predictions", image)
-        photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
-        photos.read_within(_MOST)
         decomposition = Decomposition.load(run, where, calibrated=False)
-        if photos.lack_cameras:
-            photos.locate_with(load_locator(run, Predictor(decomposition, device=where)))
-        return _Opened(run, photos, photos.read(0), decomposition, where)
+        request = PredictRequest(photo=image, camera=camera, mask=mask, background=False)
+        photo = read_photo(
+            request,
+            known_photo(run, request),
+            ChosenFiles().location_of(run.path / "predictions", image),
+            lambda: load_locator(run, Predictor(decomposition, device=where)),
+            _MOST,
+        )
+        return _Opened(run, photo, decomposition, where)
 
     def predicted(self) -> Tensor:
         """Return the light (6, R, R, 3) that the run finds in the photo, in its own gauge."""

@@ -12,10 +12,16 @@ from typing import Any
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
-from lightprobe.service.asked import FILES, MEDIA_TYPES, Output
+from lightprobe.jobs import AnswerFiles, Output
 from lightprobe.web.errors import NotAcceptableError
 
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
+_MEDIA_TYPES = {
+    ".exr": "image/x-exr",
+    ".hdr": "image/vnd.radiance",
+    ".png": "image/png",
+    ".json": "application/json",
+}
 
 
 class AnswerKind(StrEnum):
@@ -78,11 +84,9 @@ def answer(kind: AnswerKind, told: dict[str, Any], folder: Path, done: Backgroun
     told: with the light file as "light" and the names of the files as "files".
     """
     if kind.output is not None:
-        name = FILES[kind.output]
+        path = AnswerFiles.within(folder, (kind.output,)).light
         headers = {"x-lightprobe-verdict": told["verdict"]["status"], "x-lightprobe-method": told["method"]}
-        return FileResponse(
-            folder / name, media_type=kind.value, filename=name, headers=headers, background=done
-        )
+        return FileResponse(path, media_type=kind.value, filename=path.name, headers=headers, background=done)
     if kind is AnswerKind.ZIP:
         _write_archive(told, folder)
         return FileResponse(folder / ARCHIVE, media_type=kind.value, filename=ARCHIVE, background=done)
@@ -91,7 +95,7 @@ def answer(kind: AnswerKind, told: dict[str, Any], folder: Path, done: Backgroun
 
 
 def _described(path: Path) -> dict[str, Any]:
-    return {"name": path.name, "media_type": MEDIA_TYPES[path.suffix], "bytes": path.stat().st_size}
+    return {"name": path.name, "media_type": _MEDIA_TYPES[path.suffix], "bytes": path.stat().st_size}
 
 
 def _encoded(path: Path) -> str:

@@ -10,7 +10,7 @@ from fastapi import Depends, FastAPI
 from fastapi.security import HTTPBearer
 
 from lightprobe.core.errors import printable
-from lightprobe.service.asked import FIELDS
+from lightprobe.service.fields import FIELDS
 from lightprobe.service.routes import Service, router
 from lightprobe.service.telemetry import Telemetry
 from lightprobe.web.asgi import App, Message, Receive, Scope, Send, answer_failures, headers_of
@@ -20,7 +20,7 @@ from lightprobe.web.gate import Gate, names_loopback
 _ID = re.compile(r"[A-Za-z0-9._-]{1,64}")
 _LONGEST_PATH = 200  # characters of a path in a log line
 _OPEN_PATHS = ("/health", "/ready")  # whoever watches the service need not know its token
-_LARGEST_BODY = sum(limit for limit, _ in FIELDS.values()) + MIB  # bytes, the headers of the fields included
+_LARGEST_BODY = sum(limit for limit, *_ in FIELDS.values()) + MIB  # bytes, the headers of the fields included
 _DESCRIPTION = (
     "Environment maps out of photos of known objects. POST a photo to /objects/{name}/predict; the answer is JSON with "
     "the files inside, a ZIP archive, or the map alone, as the Accept header says. Whatever is refused or fails says "

@@ -2,7 +2,7 @@
 
 import asyncio
 import shutil
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from starlette.responses import JSONResponse, Response
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
 from lightprobe.service.answers import AnswerKind, accepted_kind, answer
-from lightprobe.service.asked import FIELDS, Asked
+from lightprobe.service.fields import FIELDS, predict_request
 from lightprobe.service.objects import KnownObject, Objects
 from lightprobe.service.schemas import BODY, RESPONSES, ObjectEntry, ObjectList
 from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
@@ -26,7 +26,7 @@ from lightprobe.web.uploads import Form, receive_form, renamed
 router = APIRouter()
 
 _LISTED = 1000  # objects of one answer
-_LIMITS = {name: limit for name, (limit, _) in FIELDS.items()}
+_LIMITS = {name: limit for name, (limit, *_) in FIELDS.items()}
 
 
 @dataclass(frozen=True)
@@ -135,19 +135,14 @@ async def _predicted(
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
     try:
-        asked = await run_in_threadpool(Asked.of, form, folder)
+        wanted, deadline = await run_in_threadpool(predict_request, form, folder)
     except LightprobeError as error:
         raise type(error)(renamed(str(error), names)) from error
-    outputs = asked.outputs if kind.output is None else (kind.output,)
-    wanted = {
-        **asked.to_json(),
-        "task": "predict",
-        "run": str(known.run.path),
-        "folder": f"{folder}/",
-        "outputs": list(outputs),
-    }
-    seconds = min(asked.deadline or service.deadline, service.deadline)
-    task = Task(request=wanted, object=known.name, seconds=seconds)
+    if kind.output is not None:
+        wanted = replace(wanted, outputs=(kind.output,))
+    work = {**wanted.to_json(), "task": "predict", "run": str(known.run.path), "folder": f"{folder}/"}
+    seconds = min(deadline or service.deadline, service.deadline)
+    task = Task(request=work, object=known.name, seconds=seconds)
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))
     noted = request.state.noted

@@ -4,10 +4,8 @@ from typing import Any
 
 from pydantic import BaseModel
 
-from lightprobe.core.config.prediction import Method, Sun
-from lightprobe.light.upsampling import HEIGHTS
 from lightprobe.service.answers import AnswerKind
-from lightprobe.service.asked import FIELDS, Output
+from lightprobe.service.fields import FIELDS
 
 
 class ObjectEntry(BaseModel):
@@ -57,6 +55,8 @@ class Answer(BaseModel):
     """Whether the photo can be what it is taken for, see docs/photos.md."""
     pose: dict[str, Any] | None
     """The same of the camera that was found; null: it was given."""
+    background: str
+    """What became of what the photo shows around the object."""
     warnings: list[str]
     seconds: dict[str, float]
     """waiting, load, locate, the parts of the prediction and all."""
@@ -65,22 +65,6 @@ class Answer(BaseModel):
     files: list[AnswerFile]
 
 
-_VALUES: dict[str, dict[str, Any]] = {
-    "photo": {"type": "string", "format": "binary"},
-    "camera": {"type": "string"},
-    "mask": {"type": "string", "format": "binary"},
-    "method": {"type": "string", "enum": [*Method]},
-    "size": {"type": "string", "enum": [f"{2 * rows}x{rows}" for rows in HEIGHTS]},
-    "sun": {"type": "string", "enum": [*Sun], "default": Sun.INSIDE},
-    "sources": {"type": "boolean", "default": True},
-    "background": {"type": "boolean", "default": True},
-    "formats": {
-        "type": "array",
-        "items": {"type": "string", "enum": [*Output]},
-        "default": ["exr", "confidence"],
-    },
-    "deadline": {"type": "number", "exclusiveMinimum": 0},
-}
 BODY: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -90,8 +74,8 @@ BODY: dict[str, Any] = {
                     "type": "object",
                     "required": ["photo"],
                     "properties": {
-                        name: {**_VALUES[name], "description": f"{words} At most {limit} bytes."}
-                        for name, (limit, words) in FIELDS.items()
+                        name: {**schema, "description": f"{words} At most {limit} bytes."}
+                        for name, (limit, words, schema) in FIELDS.items()
                     },
                 }
             }

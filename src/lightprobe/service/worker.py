@@ -13,7 +13,7 @@ import torch
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import printable
 from lightprobe.core.memory import resident_bytes
-from lightprobe.runs.loaded import LoadedRuns
+from lightprobe.jobs import Sessions
 from lightprobe.service.predicting import predict
 from lightprobe.web.uploads import renamed
 from lightprobe.web.worker import Tell, answer_requests
@@ -27,7 +27,7 @@ class Worker:
         `max_pixels`.
         """
         torch.set_num_threads(threads)
-        self._runs, self._max_pixels = LoadedRuns(resolve_device(device), memory=cache), max_pixels
+        self._runs, self._max_pixels = Sessions(resolve_device(device), memory=cache), max_pixels
 
     def answer(self, request: dict[str, Any], tell: Tell) -> dict[str, Any]:
         """Return the result of a request; raise `LightprobeError` when it cannot be had."""

@@ -7,13 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.files import read_json
-from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr, read_mask
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
+from lightprobe.jobs import Sessions
+from lightprobe.jobs.insertion import doubt_about_up
 from lightprobe.light.environment import Environment
-from lightprobe.runs.insertion import doubt_about_up
-from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.camera import Camera
 from lightprobe.view.predicting import MAP
@@ -27,7 +26,7 @@ _TITLES = {
 }
 
 
-def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
+def insert_thing(models: Sessions, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
     """Put the GLB `upload` of a request into the file `photo`, whose light the folder `prediction` holds.
 
     Returns what the page is told. Raises `InputError` for a GLB that cannot be used, `ConfigError` for a
@@ -35,8 +34,8 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
     """
     folder, prediction, image = (Path(request[key]) for key in ("folder", "prediction", "photo"))
     tell("loading the object")
-    run = RunFolder.open(Path(request["run"]))
-    decomposition = models.get(run).predictor.decomposition
+    session = models.get(request["run"])
+    decomposition = session.predictor.decomposition
     thing, light = load_thing(Path(request["upload"])), Environment.load(prediction / MAP, models.device)
     camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
@@ -50,5 +49,5 @@ def insert_thing(models: LoadedRuns, request: dict[str, Any], tell: Callable[[st
         "picture": PICTURE,
         "at": [made.at[0] / camera.width, made.at[1] / camera.height],
         "scale": made.scale,
-        "sentences": [*doubt_about_up(run), *made.warnings],
+        "sentences": [*doubt_about_up(session.run), *made.warnings],
     }

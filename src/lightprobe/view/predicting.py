@@ -2,7 +2,6 @@
 files.
 """
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,26 +10,18 @@ import numpy as np
 import torch
 from PIL import Image
 
-from lightprobe.core.config.prediction import Sun
-from lightprobe.core.files import atomic_path, write_json
-from lightprobe.core.run import RunFolder
+from lightprobe.core.files import atomic_path
 from lightprobe.evaluation import relight
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
-from lightprobe.export.light_file import PhotoFacts, write_light_file
-from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_mask, write_png
-from lightprobe.light import cubemap
+from lightprobe.imaging import read_ldr, shrink_area, srgb_encode, write_png
+from lightprobe.jobs import Answer, AnswerFiles, Output, PredictRequest, Sessions, predict_photo
 from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import plane
-from lightprobe.localization.located import write_overlay
-from lightprobe.prediction import Prediction
 from lightprobe.prediction.color_scale import confidence_colors
-from lightprobe.runs.loaded import LoadedRuns
-from lightprobe.runs.locations import LocationFiles
-from lightprobe.runs.new_photos import NewPhoto, PhotoFiles
-from lightprobe.scene.camera import Camera
 
-MAP, _RADIANCE = "light.exr", "light.hdr"
+MAP = "light.exr"
+_OUTPUTS = tuple(output for output in Output if output is not Output.PNG)  # the page has pictures of its own
 SIDE = 1024  # pixels of the longer side of a picture for the page
 _MAP_ROWS = 256  # of the pictures of maps
 _BALL = 192  # pixels across a ball
@@ -41,7 +32,7 @@ _TITLES = {
     "mask.png": "mask",
     "camera.json": "camera",
     MAP: "environment map, OpenEXR",
-    _RADIANCE: "environment map, Radiance HDR",
+    "light.hdr": "environment map, Radiance HDR",
     "light.light.json": "the light in numbers: lamps, harmonics, exposure",
     "light.png": "environment map, picture",
     "confidence.exr": "confidence, OpenEXR",
@@ -51,56 +42,40 @@ _TITLES = {
 }
 
 
-def load(models: LoadedRuns, request: dict[str, Any]) -> dict[str, Any]:
+def load(models: Sessions, request: dict[str, Any]) -> dict[str, Any]:
     """Load the predictor of a run and what new photos are located by, so that the first photo need not wait
     for it.
     """
-    loaded = models.get(RunFolder.open(Path(request["run"])))
-    if loaded.run.views_file.is_file():
-        loaded.locator()
+    session = models.get(request["run"])
+    if session.run.views_file.is_file():
+        session.locator  # noqa: B018  loaded
     return {}
 
 
-def predict(models: LoadedRuns, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
+def predict(models: Sessions, request: dict[str, Any], tell: Callable[[str], None]) -> dict[str, Any]:
     """Predict the light in the file `upload` of a request with the run `run`, and write all files into
     `folder`.
 
     Returns what the page is told. Raises `InputError` for a photo without the object and one that no light
     explains.
     """
-    begin = time.perf_counter()
-    run, upload, folder = (
-        RunFolder.open(Path(request["run"])),
-        Path(request["upload"]),
-        Path(request["folder"]),
-    )
+    folder, upload = Path(request["folder"]), Path(request["upload"])
     tell("loading the object")
-    loaded = models.get(run)
-    predictor = loaded.predictor
-    files = LocationFiles(folder / "camera.json", folder / "mask.png", folder / "overlay.png")
-    photo = loaded.read(PhotoFiles(upload, None, files), tell=tell)
-    tell("predicting the light")
-    prediction = predictor.predict(
-        photo.pixels, photo.pixel_camera, background=photo.background, doubt=photo.doubt, sources=True
-    )
+    session = models.get(request["run"])
+    wanted = PredictRequest(photo=upload, name=request["name"])
+    answer = predict_photo(session, wanted, AnswerFiles.within(folder, _OUTPUTS), tell)
     tell("drawing")
-    color = read_ldr(upload)[0]
-    _write_maps(prediction, photo.camera, folder)
-    facts = PhotoFacts(request["name"], photo.camera, photo.ev100)
-    write_light_file(folder / MAP, prediction, facts, Sun.INSIDE, copies=[_RADIANCE])
-    small = photo.camera.within(SIDE)
-    write_picture(folder / "render.png", *relight(predictor.decomposition, prediction.environment, small))
-    _write_photo(folder / "photo.jpg", color)
-    if photo.location is None:
-        write_json(folder / "camera.json", photo.camera.to_json())
-        write_mask(folder / "mask.png", photo.pixels.alpha)
-        write_overlay(folder / "overlay.png", color, photo.pixels.alpha)
-    return _told(photo, prediction, folder, time.perf_counter() - begin)
+    _draw(answer, folder)
+    camera, light = answer.facts.camera, answer.prediction.environment
+    picture = relight(session.predictor.decomposition, light, camera.within(SIDE))
+    write_picture(folder / "render.png", *picture)
+    _write_photo(folder / "photo.jpg", read_ldr(upload)[0])
+    return _told(answer, folder)
 
 
-def _write_maps(prediction: Prediction, camera: Camera, folder: Path) -> None:
-    prediction.save(folder / MAP, confidence=folder / "confidence.exr")
-    prediction.environment.save(folder / _RADIANCE)
+def _draw(answer: Answer, folder: Path) -> None:
+    """Write the map, its confidence and three balls under it as the page shows them."""
+    prediction, camera = answer.prediction, answer.facts.camera
     image = prediction.environment.panorama()
     write_png(folder / "light.png", _enlarged(srgb_encode(tone_mapped(image, exposure(image)))), srgb=False)
     trust = confidence_colors(plane(prediction.confidence))
@@ -127,23 +102,18 @@ def _write_photo(path: Path, color: np.ndarray) -> None:
         Image.fromarray(np.rint(255 * encoded).astype(np.uint8)).save(temporary, format="JPEG", quality=90)
 
 
-def _told(photo: NewPhoto, prediction: Prediction, folder: Path, seconds: float) -> dict[str, Any]:
+def _told(answer: Answer, folder: Path) -> dict[str, Any]:
     """Return what the page is told of a prediction."""
-    sentences = list(prediction.verdict.sentences)
-    pose = None
-    if photo.location is not None:
-        pose = photo.location.located.verdict.status.value
-        sentences = [*photo.location.located.verdict.sentences, *sentences]
-    sources = [] if prediction.split is None else [source.to_json() for source in prediction.split.sources]
-    files = [{"name": name, "title": title} for name, title in _TITLES.items() if (folder / name).is_file()]
+    told, light = answer.to_json(), answer.light
     return {
-        "files": files,
-        "verdict": prediction.verdict.status.value,
-        "pose": pose,
-        "sentences": sentences,
-        "seconds": {**prediction.seconds, "all": seconds},
-        "camera": photo.camera.to_json(),
-        "confidence": float(cubemap.sphere_mean(prediction.confidence)),
-        "background": prediction.background.value,
-        "sources": sources,
+        **told,
+        "files": [
+            {"name": name, "title": title} for name, title in _TITLES.items() if (folder / name).is_file()
+        ],
+        "verdict": told["verdict"]["status"],
+        "pose": None if told["pose"] is None else told["pose"]["status"],
+        "sentences": answer.sentences,
+        "camera": light["photo"]["camera"],
+        "confidence": light["confidence"]["mean"],
+        "sources": light["sources"],
     }

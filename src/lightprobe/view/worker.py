@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.device import resolve_device
-from lightprobe.runs.loaded import LoadedRuns
+from lightprobe.jobs import Sessions
 from lightprobe.view.checkpoint_preview import CheckpointPreviews
 from lightprobe.view.inserting import insert_thing
 from lightprobe.view.predicting import load, predict
@@ -18,7 +18,7 @@ def main() -> None:
     """Answer requests until there are no more; the argument is the device to compute on."""
     device = resolve_device(sys.argv[1])
     runs, previews = (
-        LoadedRuns(device, most=1),
+        Sessions(device, most=1),
         CheckpointPreviews(device),
     )  # two runs need not be held at once
 

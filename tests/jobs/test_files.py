@@ -3,9 +3,9 @@
 from pathlib import Path
 
 import pytest
+from lightprobe.runs.predictions import MapFiles, PredictionFiles
 
 from lightprobe.core.run import RunFolder
-from lightprobe.runs.predictions import MapFiles, PredictionFiles
 
 
 @pytest.mark.parametrize("stem", ["x" * 250, "漢" * 83])

@@ -5,12 +5,12 @@ import shutil
 
 import pytest
 import torch
-
-from lightprobe.core.run import RunFolder
-from lightprobe.models import LightAccuracy
 from lightprobe.runs.loaded import LoadedRuns
 from lightprobe.runs.locations import LocationFiles
 from lightprobe.runs.new_photos import PhotoFiles
+
+from lightprobe.core.run import RunFolder
+from lightprobe.models import LightAccuracy
 from tests.view.finished_run import finished_run
 
 CPU = torch.device("cpu")

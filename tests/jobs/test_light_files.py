@@ -10,12 +10,12 @@ import torch
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
 from lightprobe.export.light_file import write_sources
+from lightprobe.jobs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import light_file, other_map, write_map
 from lightprobe.light.sources import LightSource
 from lightprobe.models.calibration import Calibration
-from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
 
 LAMPS = (
     LightSource((0.48, 0.6, 0.64), math.radians(6), (3.0, 2.4, 1.5)),

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from lightprobe.runs.locations import LocationFiles, locate_photos, own_entry, photo_mask
+from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_mask
-from lightprobe.runs.locations import LocationFiles, locate_photos, own_entry, photo_mask
-from lightprobe.runs.new_photos import NewPhotos, PhotoFiles
 from lightprobe.scene import load_scene
 from lightprobe.scene.record import scene_record
 from tests.scene.worlds import views, write_nerd
