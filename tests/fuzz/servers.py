@@ -26,8 +26,7 @@ from lightprobe.service.telemetry import JsonLines, Telemetry
 from lightprobe.view.app import create_app as page_app
 from lightprobe.view.routes import Session
 from lightprobe.view.sources import Sources
-from lightprobe.view.tasks import TaskKind, Tasks
-from lightprobe.view.uploads import Uploads
+from lightprobe.view.tasks import TaskKind
 from lightprobe.web.errors import STATUS, WorkerEndedError, received
 from lightprobe.web.listening import server_settings
 from lightprobe.web.pool import Pool, SlotState, TaskState
@@ -230,12 +229,9 @@ class PageServer:
     def __init__(self, root: Path, writes: Writes):
         """Show the run and the scene in a folder."""
         self._root, self._temporary = root, Path(tempfile.mkdtemp(dir=root))
-        for part in ("uploads", "tasks", "pictures"):
-            (self._temporary / part).mkdir()
-        self.tasks, self._ids = Tasks(self._temporary / "tasks", StandIn), {}
-        uploads = Uploads(self._temporary / "uploads")
         sources = Sources.of([root / "run", root / "photos"])
-        session = Session(sources, uploads, self.tasks, self._temporary / "pictures")
+        session = Session.within(self._temporary, sources, StandIn)
+        self.tasks, self._ids = session.tasks, {}
         apps = {token: page_app(session, frozenset({PAGE_HOST}), token) for token in (None, "a-token")}
         folders = (self._temporary, root / "photos")
         self._servers = {token: Server(app, folders, writes) for token, app in apps.items()}

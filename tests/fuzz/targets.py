@@ -42,8 +42,7 @@ from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
-from lightprobe.view.sources import evaluation_of
-from lightprobe.view.watching import newest_record, read_records, stage_lengths
+from lightprobe.view.watching import evaluation_of, newest_record, read_records, stage_lengths
 from tests.fuzz import pictures, requests, servers
 from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form, with_checksums
 from tests.imaging.videos import pan, write_video

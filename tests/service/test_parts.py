@@ -103,12 +103,12 @@ def test_an_answer_that_is_not_made(header):
 def test_objects_come_and_go_and_are_listed_in_pages(tmp_path):
     runs = runs_folder(tmp_path / "runs", "a", "b", "c")
     objects = Objects(runs)
-    first, last = objects.after("", 2)
-    assert ([one.name for one in first], last) == (["a", "b"], "b")
-    assert [one.name for one in objects.after("b", 2)[0]] == ["c"]
-    assert objects.after("c", 2) == ([], None)
+    first = objects.after("", 2)
+    assert ([one.name for one in first.objects], first.next) == (["a", "b"], "b")
+    last = objects.after("b", 1)
+    assert ([one.name for one in last.objects], last.next) == (["c"], None)
     runs_folder(runs, "d")
-    assert objects.find("d").run.path == runs.resolve() / "d"
+    assert objects.find("d").path == runs.resolve() / "d"
     (runs / "d" / "config.json").unlink()
     with pytest.raises(UnknownObjectError, match="GET /objects"):
         objects.find("d")

@@ -10,11 +10,9 @@ from pathlib import Path
 import uvicorn
 
 from lightprobe.view.app import create_app
-from lightprobe.view.network import open_address
 from lightprobe.view.routes import Session
+from lightprobe.view.server import open_address
 from lightprobe.view.sources import Sources
-from lightprobe.view.tasks import Tasks
-from lightprobe.view.uploads import Uploads
 from lightprobe.web.worker import WorkerProcess, worker_command
 
 CHROMIUM = shutil.which("chromium")
@@ -38,13 +36,9 @@ class Running:
 
     def __init__(self, folders: list[Path], folder: Path):
         """Serve runs and scenes; files in `folder`."""
-        for part in ("uploads", "tasks", "pictures"):
-            (folder / part).mkdir(parents=True)
         command = worker_command("lightprobe.view.worker", "cpu")
-        self.tasks = Tasks(folder / "tasks", lambda number: WorkerProcess(command))
-        self._session = Session(
-            Sources.of(folders), Uploads(folder / "uploads"), self.tasks, folder / "pictures"
-        )
+        self._session = Session.within(folder, Sources.of(folders), lambda number: WorkerProcess(command))
+        self.tasks = self._session.tasks
         self.port = 0
         self.start()
 

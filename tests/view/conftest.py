@@ -8,8 +8,6 @@ from starlette.testclient import TestClient
 from lightprobe.view.app import create_app
 from lightprobe.view.routes import Session
 from lightprobe.view.sources import Sources
-from lightprobe.view.tasks import Tasks
-from lightprobe.view.uploads import Uploads
 from lightprobe.web.worker import START
 from tests.view.finished_run import finished_run
 from tests.web.processes import FakeProcess
@@ -43,11 +41,7 @@ def session(tmp_path):
     made = []
 
     def make(*folders):
-        folder = tmp_path / "session"
-        for part in ("uploads", "tasks", "pictures"):
-            (folder / part).mkdir(parents=True)
-        tasks = Tasks(folder / "tasks", PageProcess)
-        made.append(Session(Sources.of(folders), Uploads(folder / "uploads"), tasks, folder / "pictures"))
+        made.append(Session.within(tmp_path / "session", Sources.of(folders), PageProcess))
         return made[-1]
 
     yield make

@@ -217,9 +217,8 @@ def test_a_worker_that_is_killed_costs_one_sentence(page, server, run):
 def idle_worker(server) -> int:
     """Return the process that computes, once it has loaded the run that the page has asked for."""
     for _ in range(600):
-        pid = server.tasks.pool.slots[0].pid
-        if pid is not None and server.tasks.all() and not server.tasks.busy:
-            return pid
+        if server.tasks.all() and not server.tasks.busy:
+            return server.tasks.pool.slots[0].process.pid
         time.sleep(0.1)
     raise AssertionError("the run was never loaded")
 

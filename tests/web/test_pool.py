@@ -97,9 +97,8 @@ def test_a_full_queue_is_told_and_what_is_dropped_or_stopped_makes_room(pools):
     running = submit(pool, "wait")
     until(lambda: running.state is TaskState.RUNNING)
     first, second = submit(pool), submit(pool)
-    with pytest.raises(TooManyRequestsError, match="2 requests wait already") as refused:
+    with pytest.raises(TooManyRequestsError, match="2 requests wait already"):
         submit(pool)
-    assert refused.value.seconds >= 1
     assert pool.drop(first)
     assert not pool.drop(running)
     pool.stop(running)

@@ -14,10 +14,11 @@ from starlette.responses import JSONResponse, Response
 
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
+from lightprobe.core.run import RunFolder
 from lightprobe.service.answers import AnswerKind, accepted_kind, answer
 from lightprobe.service.fields import FIELDS, predict_request
-from lightprobe.service.objects import KnownObject, Objects
-from lightprobe.service.schemas import BODY, RESPONSES, ObjectEntry, ObjectList
+from lightprobe.service.objects import ObjectEntry, ObjectList, Objects
+from lightprobe.service.schemas import BODY, RESPONSES
 from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
 from lightprobe.web.errors import SlowClientError, TooManyRequestsError
 from lightprobe.web.pool import Pool, Task
@@ -55,7 +56,7 @@ ServiceArg = Annotated[Service, Depends(_service)]
 async def predict(name: str, request: Request, service: ServiceArg) -> Response:
     """Predict the environment map around an object from one photo of it."""
     kind = accepted_kind(request.headers.get("accept", ""))
-    known = await run_in_threadpool(service.objects.find, name)
+    run = await run_in_threadpool(service.objects.find, name)
     service.pool.check_room()  # before the photo is sent
     folder = service.folder / f"request-{request.state.request_id[:8]}-{id(request):x}"
     with disk_errors(folder):
@@ -63,28 +64,27 @@ async def predict(name: str, request: Request, service: ServiceArg) -> Response:
     done = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
     try:
         form = await _received(request, service, folder)
-        told = await _predicted(request, service, known, form, kind, folder)
+        told = await _predicted(request, service, run, form, kind, folder)
         return await run_in_threadpool(answer, kind, told, folder, done)
     except BaseException:
         await run_in_threadpool(done.func, *done.args, **done.kwargs)
         raise
 
 
-@router.get("/objects", responses={200: {"model": ObjectList}})
-async def objects(
+@router.get("/objects")
+def objects(
     service: ServiceArg,
     after: Annotated[str, Query(max_length=255)] = "",
     limit: Annotated[int, Query(ge=1, le=_LISTED)] = _LISTED,
-) -> Response:
+) -> ObjectList:
     """List the objects in the order of their names."""
-    found, last = await run_in_threadpool(service.objects.after, after, limit)
-    return JSONResponse({"objects": [one.to_json() for one in found], "next": last})
+    return service.objects.after(after, limit)
 
 
-@router.get("/objects/{name}", responses={200: {"model": ObjectEntry}})
-async def one_object(name: str, service: ServiceArg) -> Response:
+@router.get("/objects/{name}")
+def one_object(name: str, service: ServiceArg) -> ObjectEntry:
     """Tell whether there is an object, and what it can do."""
-    return JSONResponse((await run_in_threadpool(service.objects.find, name)).to_json())
+    return ObjectEntry.of(service.objects.find(name))
 
 
 @router.get("/health")
@@ -130,7 +130,7 @@ async def _received(request: Request, service: Service, folder: Path) -> Form:
 
 
 async def _predicted(
-    request: Request, service: Service, known: KnownObject, form: Form, kind: AnswerKind, folder: Path
+    request: Request, service: Service, run: RunFolder, form: Form, kind: AnswerKind, folder: Path
 ) -> dict[str, Any]:
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
@@ -140,21 +140,21 @@ async def _predicted(
         raise type(error)(renamed(str(error), names)) from error
     if kind.output is not None:
         wanted = replace(wanted, outputs=(kind.output,))
-    work = {**wanted.to_json(), "task": "predict", "run": str(known.run.path), "folder": f"{folder}/"}
+    work = {**wanted.to_json(), "task": "predict", "run": str(run.path), "folder": f"{folder}/"}
     seconds = min(deadline or service.deadline, service.deadline)
-    task = Task(request=work, object=known.name, seconds=seconds)
+    task = Task(request=work, object=run.path.name, seconds=seconds)
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))
     noted = request.state.noted
     try:
         told = await _awaited(request, service, task)
     finally:
-        noted.update(object=known.name, waited=round(task.waited, 4), tries=task.tries, worker=task.slot)
+        noted.update(object=run.path.name, waited=round(task.waited, 4), tries=task.tries, worker=task.slot)
     waited = task.waited
     service.telemetry.waited.observe(waited)
     service.telemetry.predicted.labels(told["method"]).observe(told["seconds"]["all"])
     noted.update(prediction=told["method"], verdict=told["verdict"]["status"])
-    about = {"object": known.name, "request": request.state.request_id}
+    about = {"object": run.path.name, "request": request.state.request_id}
     return {**about, **told, "seconds": {"waiting": waited, **told["seconds"]}}
 
 

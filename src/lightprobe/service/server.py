@@ -16,7 +16,6 @@ from lightprobe.core.extras import extra_library
 from lightprobe.core.partial import partial_folder
 from lightprobe.core.reading import check_file
 from lightprobe.service.devices import CPU, Assignment, assignments
-from lightprobe.service.objects import Objects
 from lightprobe.web.listening import is_loopback, listening_socket, run_app, until_interrupted
 from lightprobe.web.pool import Pool
 from lightprobe.web.worker import WorkerProcess, worker_command
@@ -111,6 +110,7 @@ def serve(
     for library in ("fastapi", "uvicorn", "python_multipart", "prometheus_client"):
         extra_library(library, "The service", "serve")
     from lightprobe.service.app import create_app
+    from lightprobe.service.objects import Objects
     from lightprobe.service.routes import Service
     from lightprobe.service.telemetry import Telemetry
 

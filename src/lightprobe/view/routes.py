@@ -1,6 +1,7 @@
 """What the page asks the server for: runs, files that come in, tasks and their results, scenes to correct."""
 
 import secrets
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib.metadata import version
 from pathlib import Path
@@ -16,7 +17,7 @@ from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.core.files import inside, named_file, shell_word, write_bytes
 from lightprobe.scene.record import read_record
 from lightprobe.view.pictures import light_texels, run_photo, scene_photo
-from lightprobe.view.scenes import ScenePhotos, mask_picture, save_box, save_mask
+from lightprobe.view.scenes import SceneSource, mask_picture, save_box, save_mask
 from lightprobe.view.sources import RunPhoto, RunSource, Sources
 from lightprobe.view.tasks import TaskKind, Tasks
 from lightprobe.view.uploads import LIMITS, UploadKind, Uploads
@@ -24,6 +25,7 @@ from lightprobe.view.watching import TrainingWatch
 from lightprobe.web.errors import MIB
 from lightprobe.web.pool import TaskState
 from lightprobe.web.uploads import receive_file, renamed
+from lightprobe.web.worker import WorkerProcess
 
 router = APIRouter()
 
@@ -41,6 +43,14 @@ class Session:
     folder: Path  # temporary, for pictures that are kept
     watches: dict[int, TrainingWatch] = field(default_factory=dict)
 
+    @staticmethod
+    def within(folder: Path, sources: Sources, new_process: Callable[[int], WorkerProcess]) -> "Session":
+        """Return a session that keeps its files in a folder and computes in what `new_process` starts."""
+        uploads, tasks, pictures = (folder / part for part in ("uploads", "tasks", "pictures"))
+        for part in (uploads, tasks, pictures):
+            part.mkdir(parents=True)
+        return Session(sources, Uploads(uploads), Tasks(tasks, new_process), pictures)
+
 
 def _session(request: Request) -> Session:
     session: Session = request.app.state.session
@@ -56,14 +66,14 @@ def _run(index: int, session: SessionArg) -> RunSource:
     return session.sources.runs[index]
 
 
-def _scene(index: int, session: SessionArg) -> ScenePhotos:
+def _scene(index: int, session: SessionArg) -> SceneSource:
     if not 0 <= index < len(session.sources.scenes):
         raise InputError("There is no such scene; load the page again.")
-    return ScenePhotos.of(session.sources.scenes[index])
+    return session.sources.scenes[index]
 
 
 RunArg = Annotated[RunSource, Depends(_run)]
-SceneArg = Annotated[ScenePhotos, Depends(_scene)]
+SceneArg = Annotated[SceneSource, Depends(_scene)]
 
 
 @router.get("/session")
@@ -267,44 +277,42 @@ class Box(BaseModel):
 
 
 @router.get("/scenes/{index}")
-def about_scene(photos: SceneArg) -> dict[str, Any]:
+def about_scene(scene: SceneArg) -> dict[str, Any]:
     """Return the photos of a scene and what its preparation says of them."""
-    return photos.to_json()
+    return scene.to_json()
 
 
 @router.get("/scenes/{index}/photos/{number}/picture")
-def scene_picture(number: int, photos: SceneArg) -> Response:
+def scene_picture(number: int, scene: SceneArg) -> Response:
     """Return a photo."""
-    return _picture(scene_photo(photos.image(number)))
+    return _picture(scene_photo(scene.image(number)))
 
 
 @router.get("/scenes/{index}/photos/{number}/mask")
-def scene_mask(number: int, photos: SceneArg) -> Response:
+def scene_mask(number: int, scene: SceneArg) -> Response:
     """Return a photo's mask."""
-    return Response(mask_picture(photos, number), media_type="image/png")
+    return Response(mask_picture(scene, number), media_type="image/png")
 
 
 @router.put("/scenes/{index}/photos/{number}/mask")
-async def correct_mask(
-    number: int, request: Request, photos: SceneArg, session: SessionArg
-) -> dict[str, Any]:
+async def correct_mask(number: int, request: Request, scene: SceneArg, session: SessionArg) -> dict[str, Any]:
     """Take a painted mask as the body, a PNG, and write it into the scene."""
     painted = session.folder / f"mask-{secrets.token_hex(8)}.png"
     try:
         await receive_file(request, painted, _LARGEST_MASK, "The mask")
-        written = await run_in_threadpool(save_mask, photos, number, painted)
+        written = await run_in_threadpool(save_mask, scene, number, painted)
     except LightprobeError as error:
         raise type(error)(renamed(str(error), {painted: "The mask"})) from error
     finally:
         painted.unlink(missing_ok=True)
-    command = f"lightprobe prepare PHOTOS -o {shell_word(photos.source.folder)}"
+    command = f"lightprobe prepare PHOTOS -o {shell_word(scene.folder)}"
     return {"file": str(written), "command": command}
 
 
 @router.put("/scenes/{index}/box")
-def draw_box(drawn: Box, photos: SceneArg) -> dict[str, Any]:
+def draw_box(drawn: Box, scene: SceneArg) -> dict[str, Any]:
     """Keep a box around the object."""
-    return {"command": save_box(photos, drawn.photo, drawn.box)}
+    return {"command": save_box(scene, drawn.photo, drawn.box)}
 
 
 def _photo(source: RunSource, number: int) -> RunPhoto:

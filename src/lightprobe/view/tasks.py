@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from lightprobe.core.errors import InputError
-from lightprobe.web.pool import Pool, Process, Task, TaskState
+from lightprobe.web.pool import Pool, Task, TaskState
+from lightprobe.web.worker import WorkerProcess
 
 _WAITING = 8  # tasks that may wait
 _KEPT = 60  # finished tasks whose files are kept; the oldest go first
@@ -75,7 +76,7 @@ class PageTask(Task):
 class Tasks:
     """The tasks of a page since its start, and the pool with one slot that does them."""
 
-    def __init__(self, folder: Path, new_process: Callable[[int], Process]):
+    def __init__(self, folder: Path, new_process: Callable[[int], WorkerProcess]):
         """Keep files in `folder`; `new_process` starts a worker."""
         self._folder, self._lock = folder, threading.Lock()
         self._kept: dict[str, PageTask] = {}

@@ -12,7 +12,7 @@ from starlette.responses import JSONResponse, Response
 
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.failures import UnexpectedError
-from lightprobe.web.errors import GONE, TooManyRequestsError, reported, status_of
+from lightprobe.web.errors import GONE, RETRY_SECONDS, reported, status_of
 
 Message = MutableMapping[str, Any]
 Scope = MutableMapping[str, Any]
@@ -20,8 +20,6 @@ Receive = Callable[[], Awaitable[Message]]
 Send = Callable[[Message], Awaitable[None]]
 App = Callable[[Scope, Receive, Send], Awaitable[None]]
 Headers = Iterable[tuple[bytes, bytes]]
-
-_RETRY_SECONDS = 5  # after which a request that failed for want of something is worth another try
 
 
 def headers_of(scope: Scope) -> dict[str, str]:
@@ -82,10 +80,8 @@ async def _failed(request: Request, error: Exception) -> Response:
         )  # the server logs it, to which the error goes on
         known = error if isinstance(error, LightprobeError) else reported(error, keep)
         status, sentence = status_of(known), str(known)
-        if status == 503:
-            headers = {"retry-after": str(_RETRY_SECONDS)}
-        if isinstance(known, TooManyRequestsError):
-            headers = {"retry-after": str(known.seconds)}
+        if status in RETRY_SECONDS:
+            headers = {"retry-after": str(RETRY_SECONDS[status])}
         state.get("noted", {})["sentence"] = sentence
         if id and isinstance(known, UnexpectedError):
             sentence = f"Something unexpected went wrong; the log of the service has it as request {id}."

@@ -44,11 +44,6 @@ class UnknownObjectError(LightprobeError):
 class TooManyRequestsError(ResourceError):
     """Too many requests wait, or are being sent, already."""
 
-    def __init__(self, message: str, seconds: int = 1):
-        """Keep after how many `seconds` it is worth to try again."""
-        super().__init__(message)
-        self.seconds = seconds
-
 
 class DeadlineError(ResourceError):
     """A request took longer than it may."""
@@ -86,6 +81,10 @@ _SENT = {
     kind.__name__: kind
     for kind in (InputError, ConfigError, ResourceError, ConvergenceError, UnexpectedError)
 }
+
+
+RETRY_SECONDS = {429: 2, 503: 5}
+"""After how many seconds a request that was answered with a status is worth another try."""
 
 
 def status_of(error: LightprobeError) -> int:

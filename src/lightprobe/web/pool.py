@@ -14,7 +14,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, InvalidStateError
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any, Protocol
+from typing import Any
 
 from lightprobe.core.errors import LightprobeError, ResourceError
 from lightprobe.core.memory import resident_bytes
@@ -25,25 +25,13 @@ from lightprobe.web.errors import (
     WorkerLostError,
     reported,
 )
-from lightprobe.web.worker import START, Tell
+from lightprobe.web.worker import START, WorkerProcess
 
 _TICK = 0.05  # seconds between two looks at deadlines
 _MEMORY_TICKS = 5  # of these between two looks at memory
 _PASSED = 8  # times that younger tasks may go first
 _LONGEST_PAUSE = 30.0  # seconds between two starts of a process that does not come up
-_WEIGHT = 0.1  # of the newest task in the mean time of one
 _STOPPING = "The server is being stopped; try again, elsewhere or later."
-
-
-class Process(Protocol):
-    """What a slot needs of its process; see `web.worker.WorkerProcess`."""
-
-    @property
-    def pid(self) -> int: ...  # noqa: D102
-    @property
-    def alive(self) -> bool: ...  # noqa: D102
-    def ask(self, request: dict[str, Any], on_stage: Tell) -> dict[str, Any]: ...  # noqa: D102
-    def kill(self) -> None: ...  # noqa: D102
 
 
 class TaskState(StrEnum):
@@ -137,58 +125,45 @@ class Slot:
     """The place of a worker process, which is replaced whenever it ends."""
 
     number: int
-    new_process: Callable[[int], Process]
-    memory: float  # bytes that a process may take
     state: SlotState = SlotState.STARTING
-    objects: frozenset[str] = frozenset()  # that it keeps loaded
-    told: dict[str, Any] = field(default_factory=dict)  # what it has said of itself last
+    process: WorkerProcess | None = None
+    objects: frozenset[str] = frozenset()  # that the process keeps loaded
+    told: dict[str, Any] = field(default_factory=dict)  # what the process has said of itself last
     end_reason: End = End.DIED
-    _process: Process | None = None
-    _lock: threading.Lock = field(default_factory=threading.Lock)
-
-    @property
-    def pid(self) -> int | None:
-        """The number of its process, None while there is none."""
-        process = self._process
-        return None if process is None else process.pid
 
     @property
     def alive(self) -> bool:
         """Whether there is a process that can be asked."""
-        process = self._process
+        process = self.process
         return process is not None and process.alive
 
     @property
     def resident(self) -> int:
-        """The bytes that its process takes, 0 where that cannot be told."""
-        pid = self.pid
-        return 0 if pid is None else resident_bytes(pid) or 0
+        """The bytes that the process takes, 0 where that cannot be told."""
+        process = self.process
+        return 0 if process is None else resident_bytes(process.pid) or 0
 
-    def start(self) -> None:
-        """Start a process and wait until it can be asked; raises `LightprobeError` when it cannot."""
-        process = self.new_process(self.number)
-        with self._lock:
-            self._process, self.end_reason = process, End.DIED
+    def start(self, process: WorkerProcess) -> None:
+        """Take a new process and wait until it can be asked; raises `LightprobeError` when it cannot."""
+        self.process, self.end_reason = process, End.DIED
         self.objects, self.told = frozenset(), {}
         process.ask(START, lambda stage: None)
 
     def ask(self, task: Task) -> dict[str, Any]:
         """Return the process's answer; raises the error that it tells, or `WorkerEndedError`."""
-        process = self._process
-        if process is None:
+        if self.process is None:
             raise ValueError("Started first.")
-        answer = process.ask(task.request, lambda stage: setattr(task, "stage", stage))
+        answer = self.process.ask(task.request, lambda stage: setattr(task, "stage", stage))
         self.told = answer.pop("worker", {})
         self.objects = frozenset(self.told.get("objects", ()))
         return answer
 
     def end(self, reason: End) -> None:
         """End the process, for a reason that counts if it is the first."""
-        with self._lock:
-            if self.end_reason is End.DIED:
-                self.end_reason = reason
-            if self._process is not None:
-                self._process.kill()
+        if self.end_reason is End.DIED:
+            self.end_reason = reason
+        if self.process is not None:
+            self.process.kill()
 
 
 class Pool:
@@ -196,7 +171,7 @@ class Pool:
 
     def __init__(
         self,
-        new_process: Callable[[int], Process],
+        new_process: Callable[[int], WorkerProcess],
         *,
         limit: int,
         slots: int = 1,
@@ -215,8 +190,8 @@ class Pool:
         self._changed = threading.Condition()
         self._running: dict[Slot, Task] = {}
         self._closed = False
-        self._mean = 1.0  # seconds of a task
-        self.slots = [Slot(number, new_process, memory) for number in range(slots)]
+        self._new_process, self._memory = new_process, memory
+        self.slots = [Slot(number) for number in range(slots)]
         works = [threading.Thread(target=self._work, args=(slot,), daemon=True) for slot in self.slots]
         self._threads = [*works, threading.Thread(target=self._watch, daemon=True)]
         for thread in self._threads:
@@ -239,10 +214,8 @@ class Pool:
         if self._closed:
             raise ResourceError(_STOPPING)
         if len(self._waiting) >= self.limit:
-            seconds = min(max(round(self._mean * len(self._waiting) / len(self.slots)), 1), 60)
             raise TooManyRequestsError(
-                f"{self.limit} requests wait already, and no more are taken; try again in {seconds} s.",
-                seconds,
+                f"{self.limit} requests wait already, and no more are taken; try again later."
             )
 
     def submit(self, task: Task) -> None:
@@ -287,7 +260,7 @@ class Pool:
         failures = 0
         while self._wanted():
             try:
-                slot.start()
+                slot.start(self._new_process(slot.number))
             except LightprobeError as error:
                 if not self._closed:
                     failures += 1
@@ -295,7 +268,7 @@ class Pool:
                     self._give_up(error, failures)
                 continue
             failures = 0
-            self._note(Event.STARTED, worker=slot.number, pid=slot.pid)
+            self._note(Event.STARTED, worker=slot.number, pid=slot.process and slot.process.pid)
             while (task := self._next(slot)) is not None:
                 self._serve(slot, task)
             slot.state = SlotState.STARTING
@@ -338,9 +311,8 @@ class Pool:
         elif isinstance(result, LightprobeError):
             task.fail(self._reason(slot, task, result))
         else:
-            self._mean += _WEIGHT * (time.monotonic() - (task.begun or task.accepted) - self._mean)
             task.succeed(result)
-        if slot.resident > slot.memory:
+        if slot.resident > self._memory:
             slot.end(End.RETIRED)
 
     def _again(self, slot: Slot, task: Task) -> bool:
@@ -409,7 +381,7 @@ class Pool:
                 for slot, task in self._running.items():
                     if task.late:
                         slot.end(End.DEADLINE)
-                    elif tick % _MEMORY_TICKS == 0 and slot.resident > slot.memory:
+                    elif tick % _MEMORY_TICKS == 0 and slot.resident > self._memory:
                         slot.end(End.MEMORY)
 
 
