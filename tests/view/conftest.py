@@ -64,17 +64,3 @@ def client_of(session):
 def client(client_of, run):
     """A client of a page that shows a finished run."""
     return client_of(run.path)
-
-
-@pytest.fixture
-def sentence():
-    """Return the sentence of a refusal, after a look at its form."""
-
-    def checked(response, status):
-        assert response.status_code == status, response.text
-        text = response.json()["sentence"]
-        assert text.endswith(".")
-        assert "Traceback" not in text
-        return text
-
-    return checked

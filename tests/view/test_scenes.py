@@ -11,6 +11,7 @@ from lightprobe.imaging import read_mask, write_png
 from lightprobe.scene.masks import mask_turn
 from lightprobe.view.scenes import mask_picture, save_box, save_mask
 from lightprobe.view.sources import Sources
+from tests.web.answers import sentence
 
 
 @pytest.fixture
@@ -92,6 +93,6 @@ def test_a_box_is_kept_or_becomes_an_option(prepared, tmp_path):
         save_mask(plain, 0, tmp_path / "p.png")
 
 
-def test_a_mask_that_is_no_picture_is_refused_without_the_place_where_it_lies(prepared, client_of, sentence):
+def test_a_mask_that_is_no_picture_is_refused_without_the_place_where_it_lies(prepared, client_of):
     answer = client_of(prepared.folder).put("/api/scenes/0/photos/0/mask", content=b"no picture")
     assert sentence(answer, 422).startswith("The mask is not a PNG")

@@ -67,7 +67,12 @@ def test_every_task_has_its_end(works, slots):
 
 def test_an_object_stays_with_the_process_that_has_it_and_others_are_woken_at_once(pools):
     """A slot that leaves the oldest task to the slot that has its object loaded must not sleep on the next one."""
-    pool, _ = pools(slots=2)
+    pool, started = pools(slots=2)
+    until(lambda: [slot.state for slot in pool.slots] == [SlotState.IDLE] * 2)
+    held = [submit(pool, "wait", object=name) for name in ("cup", "vase")]  # one on each slot
+    until(lambda: [task.state for task in held] == [TaskState.RUNNING] * 2)
+    for process in started:
+        process.go.set()
     pids = {}
     begun = time.monotonic()
     for _ in range(30):
