@@ -100,13 +100,11 @@ def test_another_machine_can_go_on_with_a_scene_that_was_prepared_in_the_run(rem
 
 
 def test_changes_are_sent_now_and_then(remote, tmp_path):
-    now, heard = [0.0], []
-    mirror = Mirror(tmp_path, remote, lambda: now[0])
-    update = mirror.watching(lambda *words: heard.append(words))
+    mirror = Mirror(tmp_path, remote)
     write(tmp_path, "config.json", "{}", 1)
-    update("pass1", 1, 9)
+    mirror.on_progress("pass1", 1, 9)
     assert remote.files() == {}
-    now[0] = 61
-    update("pass1", 2, 9, "loss 1")
+    mirror = Mirror(tmp_path / "other", remote, every=0.0)
+    write(tmp_path / "other", "config.json", "{}", 1)
+    mirror.on_progress("pass1", 2, 9, "loss 1")
     assert list(remote.files()) == ["config.json"]
-    assert heard == [("pass1", 1, 9, ""), ("pass1", 2, 9, "loss 1")]

@@ -15,8 +15,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.ray_cluster import cluster
 from lightprobe.fleet.storage import Place
-from lightprobe.fleet.training import train_fleet
-from lightprobe.fleet.training_task import SceneTask, train_scene
+from lightprobe.fleet.training import SceneTask, train_fleet, train_scene
 from tests.cli.commands import fails
 from tests.fleet.micro import OPTIONS
 from tests.toy_scene import write_toy_scene

@@ -10,12 +10,11 @@ import torch
 
 from lightprobe.core.errors import BusyError, ConfigError, InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.fleet import training_task
+from lightprobe.fleet import training as fleet
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.index import SceneRow
 from lightprobe.fleet.storage import Place
-from lightprobe.fleet.training import train_fleet
-from lightprobe.fleet.training_task import SceneTask, train_scene
+from lightprobe.fleet.training import SceneTask, train_fleet, train_scene
 from tests.fleet.micro import OPTIONS
 from tests.fleet.stub import Stub
 
@@ -104,12 +103,12 @@ def held_until(tries: int) -> Callable[..., None]:
 
 
 def test_a_run_that_a_dead_machine_still_holds_is_waited_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(training_task, "_PAUSE", 0.001)
-    monkeypatch.setattr(training_task, "_told", lambda run, row: dataclasses.replace(row, state="done"))
+    monkeypatch.setattr(fleet, "_PAUSE", 0.001)
+    monkeypatch.setattr(fleet, "_told", lambda run, row: dataclasses.replace(row, state="done"))
     task = SceneTask(Place.of(tmp_path / "cup"), Place.of(tmp_path / "runs" / "cup"), OPTIONS, patience=5)
-    monkeypatch.setattr(training_task, "train_run", held_until(3))
+    monkeypatch.setattr(fleet, "train_run", held_until(3))
     assert train_scene(task).state == "done"
-    monkeypatch.setattr(training_task, "train_run", held_until(10**9))
+    monkeypatch.setattr(fleet, "train_run", held_until(10**9))
     row = train_scene(dataclasses.replace(task, patience=0.01))
     assert "being written by another" in row.reason
 
@@ -138,11 +137,10 @@ def test_a_run_in_an_object_store_goes_on_from_what_arrived_there(monkeypatch):
     """Scene and run by URL; the machine dies in the middle, another one goes on."""
     store = Place.of("memory://training")
     store.child("scene", "photo.png").write(b"photo")
-    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS)
-    monkeypatch.setattr("lightprobe.fleet.mirror._SECONDS", 0.0)
-    monkeypatch.setattr(training_task, "train_run", counting(dies_at=6))
+    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS, send_every=0.0)
+    monkeypatch.setattr(fleet, "train_run", counting(dies_at=6))
     assert "memory" in train_scene(task).reason
-    monkeypatch.setattr(training_task, "train_run", counting(dies_at=None))
+    monkeypatch.setattr(fleet, "train_run", counting(dies_at=None))
     row = train_scene(task)
     assert (row.state, row.photos) == ("done", 1)
     said = store.child("runs", "ball", "log.txt").read().decode()

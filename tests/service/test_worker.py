@@ -64,7 +64,8 @@ def test_a_prediction_leaves_what_was_asked_for(runs, asked, tmp_path):
         "light.png",
         "confidence.exr",
         "mask.png",
-    ]  # it was not looked for
+        "overlay.png",
+    ]
     assert told["light"]["photo"]["file"] == "mine.png"
     assert (told["light"]["sources"], told["light"]["sources_sought"]) == ([], False)
     assert told["worker"]["objects"] == ["ball"]
