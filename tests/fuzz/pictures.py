@@ -1,7 +1,6 @@
 """Tiny valid pictures of every kind that is read, as small as shows every part of their formats."""
 
 import io
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -138,15 +137,3 @@ def _write(folder: Path, pictures: dict[str, bytes]) -> None:
     folder.mkdir(parents=True)
     for name, data in pictures.items():
         (folder / name).write_bytes(data)
-
-
-WRITERS: dict[str, Callable[[Path], None]] = {
-    "PNG": write_png,
-    "JPEG": write_jpeg,
-    "WebP": write_webp,
-    "TIFF": write_tiff,
-    "HEIC, AVIF": write_heic,
-    "OpenEXR": write_exrs,
-    "Radiance": write_radiances,
-    "camera raw": write_raw,
-}

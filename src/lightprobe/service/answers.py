@@ -4,6 +4,7 @@ says.
 
 import base64
 import json
+import re
 import zipfile
 from enum import StrEnum
 from pathlib import Path
@@ -13,8 +14,9 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from lightprobe.jobs import AnswerFiles, Output
-from lightprobe.service.errors import NotAcceptableError
+from lightprobe.web.errors import NotAcceptableError
 
+_WEIGHT = re.compile(r"[01](\.\d{0,3})?")
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
 _MEDIA_TYPES = {
     ".exr": "image/x-exr",
@@ -43,38 +45,28 @@ class AnswerKind(StrEnum):
 
 
 def accepted_kind(header: str) -> AnswerKind:
-    """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1); raise if it takes
-    none.
+    """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1).
 
-    Without a header, and where several are as welcome, JSON comes first.
+    Without a header, and where several are as welcome, JSON comes first. Raises `NotAcceptableError` where none
+    is welcome.
     """
-    best, weight = None, 0.0
-    for kind in AnswerKind:
-        here = _weight(header, kind) if header.strip() else 1.0
-        if here > weight:
-            best, weight = kind, here
-    if best is None:
+    ranges = {}
+    for entry in (header.strip() or "*/*").lower().split(","):
+        name, *parameters = (part.strip() for part in entry.split(";"))
+        weight = next((part[2:] for part in parameters if part.startswith("q=")), "1")
+        ranges[name] = float(weight) if _WEIGHT.fullmatch(weight) else 0.0
+
+    def weight_of(kind: AnswerKind) -> float:
+        """Return the weight of the most specific range that has the kind."""
+        main = kind.partition("/")[0]
+        return next((ranges[name] for name in (kind.value, f"{main}/*", "*/*") if name in ranges), 0.0)
+
+    best = max(AnswerKind, key=weight_of)
+    if weight_of(best) == 0:
         raise NotAcceptableError(
             f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
         )
     return best
-
-
-def _weight(header: str, kind: AnswerKind) -> float:
-    """Return how welcome a media type is: the weight of the most specific range that has it."""
-    ranges = {}
-    for entry in header.split(","):
-        name, *parameters = (part.strip() for part in entry.lower().split(";"))
-        ranges[name] = next((_number(p[2:]) for p in parameters if p.startswith("q=")), 1.0)
-    main = kind.partition("/")[0]
-    return next((ranges[name] for name in (kind.value, f"{main}/*", "*/*") if name in ranges), 0.0)
-
-
-def _number(text: str) -> float:
-    try:
-        return min(max(float(text), 0.0), 1.0)
-    except ValueError:
-        return 0.0
 
 
 def answer(kind: AnswerKind, told: dict[str, Any], folder: Path, done: BackgroundTask) -> Response:

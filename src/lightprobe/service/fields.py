@@ -10,8 +10,8 @@ from lightprobe.core.errors import ConfigError, InputError, shown
 from lightprobe.imaging.opening import file_kind
 from lightprobe.jobs.request import LightOptions, Output, PredictRequest, field_help, json_schema, parsed
 from lightprobe.scene.camera import Camera
-from lightprobe.service.errors import MIB
-from lightprobe.service.multipart import Form
+from lightprobe.web.errors import MIB
+from lightprobe.web.uploads import Form
 
 _TYPES, _HELP = get_type_hints(PredictRequest), field_help(PredictRequest)
 _FILE, _TEXT = {"type": "string", "format": "binary"}, 64  # bytes of an option

@@ -6,26 +6,7 @@ from pydantic import BaseModel
 
 from lightprobe.service.answers import AnswerKind
 from lightprobe.service.fields import FIELDS
-
-
-class ObjectEntry(BaseModel):
-    """An object that light can be predicted with."""
-
-    name: str
-    trained: bool
-    """Whether it has a model; without one the light is only solved for."""
-    locatable: bool
-    """Whether photos without a camera can be taken at once."""
-    calibrated: bool
-    """Whether the brightness of its maps is the true one."""
-
-
-class ObjectList(BaseModel):
-    """Objects in the order of their names."""
-
-    objects: list[ObjectEntry]
-    next: str | None
-    """What to give as `after` for those that follow; null: these are all."""
+from lightprobe.web.errors import STATUS
 
 
 class Refusal(BaseModel):
@@ -85,24 +66,18 @@ BODY: dict[str, Any] = {
 """The body of a prediction."""
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
-_REASONS = {
-    404: "There is no such object.",
-    406: "None of the kinds of answer is accepted.",
-    408: "The body did not arrive in time.",
-    413: "A field is too large.",
-    415: "The body is no form.",
-    422: "A field cannot be used, or the photo does not show the object.",
-    429: "Too much waits; see Retry-After.",
-    500: "The worker ended twice on this request, or something unexpected.",
-    503: "Not now; see Retry-After.",
-    504: "The deadline is over.",
-}
 RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "model": Answer,
         "description": "The prediction.",
         "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
     },
-    **{status: {"model": Refusal, "description": words} for status, words in _REASONS.items()},
+    **{
+        status: {
+            "model": Refusal,
+            "description": " ".join(kind.__doc__ or "" for kind in STATUS if STATUS[kind] == status),
+        }
+        for status in sorted(set(STATUS.values()))
+    },
 }
 """The answers to it."""

@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import inside, read_json
+from lightprobe.core.files import inside
 from lightprobe.core.run import RunFolder
-from lightprobe.core.stored import is_finite_number
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.plain_inspection import is_plain
 from lightprobe.scene.record import SPLITS, read_record
-
-PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made
+from lightprobe.view.scenes import PREPARED, SceneSource
 
 
 @dataclass(frozen=True)
@@ -65,14 +62,6 @@ class RunSource:
 
 
 @dataclass(frozen=True)
-class SceneSource:
-    """A folder of photos whose masks can be corrected, or in one of whose photos the object can be shown."""
-
-    folder: Path
-    prepared: bool  # else plain photos, without cameras and masks
-
-
-@dataclass(frozen=True)
 class Sources:
     """Everything that was named on the command line."""
 
@@ -116,13 +105,3 @@ def _scene_of(run: RunFolder) -> list[SceneSource]:
     if run.scene_file.is_file():
         folders.append(Path(run.scene()["root"]))
     return [SceneSource(folder, True) for folder in folders if (folder / PREPARED).is_file()][:1]
-
-
-def evaluation_of(run: RunFolder) -> dict[str, Any]:
-    """Return the mean scores of a run's evaluation, none before there is one."""
-    if not run.metrics_file.is_file():
-        return {}
-    value = read_json(run.metrics_file)
-    mean = value.get("mean") if isinstance(value, dict) else None
-    scores = mean.items() if isinstance(mean, dict) else ()
-    return {key: number for key, number in scores if is_finite_number(number)}

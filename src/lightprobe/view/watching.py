@@ -9,13 +9,14 @@ from typing import Any
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.errors import InputError, LightprobeError, printable
+from lightprobe.core.files import read_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import is_finite_number
 from lightprobe.core.timings import read_timings
 from lightprobe.distillation.training import stages as distill_stages
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
 from lightprobe.runs.stages import is_learnt
-from lightprobe.view.sources import evaluation_of
 
 _CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once
 _TAIL = 8192  # bytes of log.txt that are looked at
@@ -50,7 +51,7 @@ class TrainingWatch:
             "age": age,
             "seconds_left": left,
             "log": log_tail(self.run.log_file),
-            "evaluation": _evaluation(self.run),
+            "evaluation": evaluation_of(self.run),
             "checkpoint": self.run.checkpoints.newest_step(),
             "object": self.run.asset_file.is_file(),
             "verdicts": _verdicts(self.run),
@@ -193,8 +194,14 @@ def _verdicts(run: RunFolder) -> list[str]:
     return sentences
 
 
-def _evaluation(run: RunFolder) -> dict[str, Any]:
+def evaluation_of(run: RunFolder) -> dict[str, Any]:
+    """Return the mean scores of a run's evaluation, none before there is one or where it is damaged."""
+    if not run.metrics_file.is_file():
+        return {}
     try:
-        return evaluation_of(run)
+        value = read_json(run.metrics_file)
     except InputError:
         return {}
+    mean = value.get("mean") if isinstance(value, dict) else None
+    scores = mean.items() if isinstance(mean, dict) else ()
+    return {key: number for key, number in scores if is_finite_number(number)}

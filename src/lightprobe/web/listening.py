@@ -1,14 +1,30 @@
-"""A socket that a server listens on, and how signals end what it does."""
+"""A socket that a server listens on, the server on it, and how signals end what it does."""
 
 import contextlib
+import ipaddress
 import signal
 import socket
 import threading
 from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
 
 from lightprobe.core.errors import ConfigError, ResourceError
 
+if TYPE_CHECKING:  # needs an extra
+    import uvicorn
+
+    from lightprobe.web.asgi import App
+
 _BACKLOG = 128  # connections that may wait to be taken
+_CONNECTIONS = 1000  # that are served at once
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether an address can be reached from this machine alone."""
+    try:
+        return host.lower() == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False
 
 
 def listening_socket(host: str, port: int) -> socket.socket:
@@ -34,9 +50,7 @@ def listening_socket(host: str, port: int) -> socket.socket:
 
 @contextlib.contextmanager
 def until_interrupted() -> Iterator[None]:
-    """Let Ctrl-C and SIGTERM end what is inside, as every end does: what is open there is closed and cleared
-    away.
-    """
+    """Let Ctrl-C and SIGTERM end what is inside as every end does: what is open there is closed and removed."""
     main = threading.current_thread() is threading.main_thread()  # only there signals can be handled
     before = signal.signal(signal.SIGTERM, signal.default_int_handler) if main else None
     try:
@@ -45,3 +59,33 @@ def until_interrupted() -> Iterator[None]:
     finally:
         if main:
             signal.signal(signal.SIGTERM, before)
+
+
+def run_app(app: "App", listening: socket.socket, *, grace: int, log_config: dict[str, Any] | None) -> None:
+    """Answer requests on a socket until a signal comes; those that are at work then get `grace` seconds.
+
+    log_config: of uvicorn's own messages (`logging.config`), None where logging is set up already.
+    """
+    import uvicorn
+
+    uvicorn.Server(server_settings(app, grace=grace, log_config=log_config)).run(sockets=[listening])
+
+
+def server_settings(
+    app: "App", *, grace: int = 1, log_config: dict[str, Any] | None = None
+) -> "uvicorn.Config":
+    """Return how uvicorn treats connections and requests; see `run_app`."""
+    import uvicorn
+
+    return uvicorn.Config(
+        app,
+        http="h11",
+        ws="none",
+        lifespan="off",
+        log_level="warning",
+        log_config=log_config,
+        access_log=False,
+        server_header=False,
+        timeout_graceful_shutdown=grace,
+        limit_concurrency=_CONNECTIONS,
+    )

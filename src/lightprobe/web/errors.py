@@ -2,14 +2,7 @@
 
 from collections.abc import Callable, Mapping
 
-from lightprobe.core.errors import (
-    ConfigError,
-    ConvergenceError,
-    InputError,
-    LightprobeError,
-    ResourceError,
-    shown,
-)
+from lightprobe.core.errors import ConfigError, ConvergenceError, InputError, LightprobeError, ResourceError
 from lightprobe.core.failures import UnexpectedError, reporting_errors
 
 MIB = 2**20
@@ -17,12 +10,18 @@ MIB = 2**20
 
 
 class TooLargeError(LightprobeError):
-    """A file is larger than its kind may be."""
+    """A file, or the body of a request, is larger than it may be."""
 
     @staticmethod
     def of(name: str, limit: int) -> "TooLargeError":
         """Return the error of a file of more than `limit` bytes that is called `name`."""
-        most = f"{limit // MIB} MB" if limit >= MIB else f"{limit // 1024} kB"
+        most = (
+            f"{limit // MIB} MB"
+            if limit >= MIB
+            else f"{limit // 1024} kB"
+            if limit >= 1024
+            else f"{limit} bytes"
+        )
         return TooLargeError(f"{name} is too large: at most {most} are taken; choose a smaller file.")
 
 
@@ -41,19 +40,9 @@ class NotAcceptableError(LightprobeError):
 class UnknownObjectError(LightprobeError):
     """There is no object of this name."""
 
-    @staticmethod
-    def of(name: str) -> "UnknownObjectError":
-        """Return the error of a name."""
-        return UnknownObjectError(f"There is no object '{shown(name)}' here; GET /objects lists their names.")
 
-
-class BusyError(ResourceError):
-    """Too many requests wait already."""
-
-    def __init__(self, message: str, seconds: int = 1):
-        """Keep after how many `seconds` it is worth to try again."""
-        super().__init__(message)
-        self.seconds = seconds
+class TooManyRequestsError(ResourceError):
+    """Too many requests wait, or are being sent, already."""
 
 
 class DeadlineError(ResourceError):
@@ -74,7 +63,7 @@ STATUS: Mapping[type[LightprobeError], int] = {
     SlowClientError: 408,
     TooLargeError: 413,
     MediaTypeError: 415,
-    BusyError: 429,
+    TooManyRequestsError: 429,
     DeadlineError: 504,
     UnexpectedError: 500,
     WorkerLostError: 500,
@@ -86,14 +75,16 @@ STATUS: Mapping[type[LightprobeError], int] = {
 """HTTP status of errors: the first that an error is an instance of."""
 
 GONE = 499
-"""nginx' status for a client that has closed its connection: what is answered then reaches nobody but the
-log.
-"""
+"""nginx' status for a client that has closed its connection: the answer reaches nobody but the log."""
 
 _SENT = {
     kind.__name__: kind
     for kind in (InputError, ConfigError, ResourceError, ConvergenceError, UnexpectedError)
 }
+
+
+RETRY_SECONDS = {429: 2, 503: 5}
+"""After how many seconds a request that was answered with a status is worth another try."""
 
 
 def status_of(error: LightprobeError) -> int:
@@ -113,10 +104,10 @@ def reported(error: Exception, keep: Callable[[str], None] | None = None) -> Lig
 
 
 def sent_kind(error: LightprobeError) -> str:
-    """Return the name under which a worker tells the kind of an error."""
+    """Return the name under which a worker process tells the kind of an error."""
     return next((name for name, kind in _SENT.items() if isinstance(error, kind)), InputError.__name__)
 
 
 def received(sentence: str, kind: str) -> LightprobeError:
-    """Return the error that a worker has told."""
+    """Return the error that a worker process has told."""
     return _SENT.get(kind, InputError)(sentence)

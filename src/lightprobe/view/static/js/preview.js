@@ -1,13 +1,13 @@
 // The object of a training's newest checkpoint, in a small view of its own.
 
-import { follow, getBytes, jobFile, sendJson } from "./api.js";
+import { follow, getBytes, taskFile, sendJson } from "./api.js";
 import { el } from "./dom.js";
 
-export class FormingView {
+export class CheckpointPreview {
   constructor() {
-    this.canvas = el("canvas", { tabIndex: 0, "aria-label": "The object as it forms. Drag or use the arrow keys to turn it." });
+    this.canvas = el("canvas", { tabIndex: 0, "aria-label": "The newest checkpoint. Drag or use the arrow keys to turn it." });
     this.note = el("p", { className: "stage-note", textContent: "It appears with the first checkpoint." });
-    this.element = el("div", { className: "forming" }, this.canvas, this.note);
+    this.element = el("div", { className: "preview" }, this.canvas, this.note);
     this.shown = this.asked = null;
   }
 
@@ -56,13 +56,13 @@ export class FormingView {
   }
 
   async #checkpoint(run, isLate) {
-    const job = await follow(await sendJson("POST", `/api/runs/${run}/forming`), (now) => {
+    const task = await follow(await sendJson("POST", `/api/runs/${run}/preview`), (now) => {
       if (!isLate() && !this.viewer.object) this.note.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Starting"}…`;
     });
-    const mesh = this.#mesh(await getBytes(jobFile(job, "forming.bin")));
+    const mesh = this.#mesh(await getBytes(taskFile(task, "preview.bin")));
     if (isLate()) return;
     this.viewer.setObject(mesh, { keepView: Boolean(this.viewer.object) });
-    this.note.textContent = `Step ${job.result.step} (${job.result.stage}), ${job.result.faces} triangles.`;
+    this.note.textContent = `Step ${task.result.step} (${task.result.stage}), ${task.result.faces} triangles.`;
   }
 
   #mesh(buffer) {

@@ -1,6 +1,6 @@
 """The object of a run in training for the page: the surface of its newest checkpoint, and its base colours.
 
-forming.bin, little endian: vertex count V and face count F as uint32, then (V, 3) float32 positions in glTF's
+preview.bin, little endian: vertex count V and face count F as uint32, then (V, 3) float32 positions in glTF's
 y-up frame and the user's units, (V, 3) float32 linear base colours, (F, 3) uint32 corners.
 """
 
@@ -22,10 +22,10 @@ from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
 from lightprobe.view.sources import RunSource
 
-FILE = "forming.bin"
+FILE = "preview.bin"
 
 
-class FormingObjects:
+class CheckpointPreviews:
     """Reads the object out of the newest checkpoint of a run; keeps what it needs of the run asked for last."""
 
     def __init__(self, device: torch.device):
@@ -34,7 +34,7 @@ class FormingObjects:
         self._known: tuple[tuple[Path, str], FormingObject] | None = None  # by run and training
 
     def write(self, path: Path, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
-        """Write forming.bin into `folder` and return its step and sizes; raise `InputError` without a
+        """Write preview.bin into `folder` and return its step and sizes; raise `InputError` without a
         checkpoint.
         """
         run = RunFolder.open(path)
@@ -57,7 +57,7 @@ class FormingObjects:
 def encoded(
     vertices: torch.Tensor, faces: torch.Tensor, color: torch.Tensor, similarity: Similarity
 ) -> bytes:
-    """Return vertices (V, 3) of the normalised frame, faces (F, 3) and linear colours (V, 3) as forming.bin."""
+    """Return vertices (V, 3) of the normalised frame, faces (F, 3) and linear colours (V, 3) as preview.bin."""
     positions = to_y_up(similarity.invert(vertices.cpu().numpy())).astype("<f4")
     colors, corners = color.clamp(0, 1).cpu().numpy().astype("<f4"), faces.cpu().numpy().astype("<u4")
     head = struct.pack("<II", len(positions), len(corners))
