@@ -1,6 +1,4 @@
-"""render, relight, export: the object that was learnt in pictures under any light, and in files for other
-programs.
-"""
+"""render, relight, export: the learnt object in pictures under any light, and in files for other programs."""
 
 from pathlib import Path
 from typing import Annotated

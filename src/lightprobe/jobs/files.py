@@ -136,6 +136,10 @@ class ChosenFiles:
         return {**AnswerFiles.named(folder, file_stem(image), LOCATION).paths, **self.location}
 
 
+BY_NAME = ChosenFiles()
+"""All files named after their photos."""
+
+
 def write_location(files: Mapping[Output, Path], located: "Located") -> None:
     """Write those of camera, mask and overlay of a located photo that are wanted."""
     save = {
