@@ -1,7 +1,6 @@
 """Fleets of trainings: a row for each scene, what is finished left alone, what failed tried again."""
 
 import dataclasses
-import json
 from collections.abc import Callable
 
 import pyarrow.parquet as pq
@@ -63,15 +62,6 @@ def test_runs_of_other_options_or_scenes_and_a_folder_without_scenes_are_told(sc
         train_fleet(others, runs, Stub(finished), OPTIONS)
     with pytest.raises(InputError, match="holds no scenes"):
         train_fleet(scenes / "cup", tmp_path / "more", Stub(finished), OPTIONS)
-
-
-def test_a_fleet_of_before_scenes_were_recorded_goes_on(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    record = tmp_path / "runs" / "fleet.json"
-    record.write_text(json.dumps({"options": json.loads(record.read_text())["options"]}))
-    second = Stub(finished)
-    train_fleet(scenes, tmp_path / "runs", second, OPTIONS)
-    assert second.tasks == []
 
 
 def test_a_scene_that_cannot_be_trained_on_says_why(scenes, tmp_path):
