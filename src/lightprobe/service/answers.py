@@ -10,11 +10,12 @@ from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from lightprobe.jobs import AnswerFiles, Output
-from lightprobe.web.errors import NotAcceptableError
+from lightprobe.web.errors import STATUS, NotAcceptableError
 
 _WEIGHT = re.compile(r"[01](\.\d{0,3})?")
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
@@ -107,3 +108,58 @@ def _write_archive(told: dict[str, Any], folder: Path) -> None:
         archive.writestr(LIGHT, _json(told["light"]))
         for name in told["files"]:
             archive.write(folder / name, name)
+
+
+class Refusal(BaseModel):
+    """Why a request was refused or failed."""
+
+    sentence: str
+    request: str = ""
+    """Its id, as in the log."""
+
+
+class AnswerFile(BaseModel):
+    """A file of an answer."""
+
+    name: str
+    media_type: str
+    bytes: int
+    base64: str
+
+
+class Answer(BaseModel):
+    """A prediction."""
+
+    object: str
+    request: str
+    method: str
+    verdict: dict[str, Any]
+    """Whether the photo can be what it is taken for, see docs/photos.md."""
+    pose: dict[str, Any] | None
+    """The same of the camera that was found; null: it was given."""
+    background: str
+    """What became of what the photo shows around the object."""
+    warnings: list[str]
+    seconds: dict[str, float]
+    """waiting, load, locate, the parts of the prediction and all."""
+    light: dict[str, Any]
+    """The light in numbers: docs/light-files.md."""
+    files: list[AnswerFile]
+
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": Answer,
+        "description": "The prediction.",
+        "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
+    },
+    **{
+        status: {
+            "model": Refusal,
+            "description": " ".join(kind.__doc__ or "" for kind in STATUS if STATUS[kind] == status),
+        }
+        for status in sorted(set(STATUS.values()))
+    },
+}
+"""The answers to it."""

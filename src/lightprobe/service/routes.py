@@ -15,10 +15,9 @@ from starlette.responses import JSONResponse, Response
 from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
 from lightprobe.core.run import RunFolder
-from lightprobe.service.answers import AnswerKind, accepted_kind, answer
-from lightprobe.service.fields import FIELDS, predict_request
+from lightprobe.service.answers import RESPONSES, AnswerKind, accepted_kind, answer
+from lightprobe.service.fields import BODY, FIELDS, predict_request
 from lightprobe.service.objects import ObjectEntry, ObjectList, Objects
-from lightprobe.service.schemas import BODY, RESPONSES
 from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
 from lightprobe.web.errors import SlowClientError, TooManyRequestsError
 from lightprobe.web.pool import Pool, Task

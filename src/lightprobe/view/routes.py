@@ -15,8 +15,9 @@ from starlette.responses import FileResponse, Response
 
 from lightprobe.core.errors import InputError, LightprobeError
 from lightprobe.core.files import inside, named_file, shell_word, write_bytes
+from lightprobe.imaging import read_ldr
 from lightprobe.scene.record import read_record
-from lightprobe.view.pictures import light_texels, run_photo, scene_photo
+from lightprobe.view.pictures import jpeg, light_texels, run_photo
 from lightprobe.view.scenes import SceneSource, mask_picture, save_box, save_mask
 from lightprobe.view.sources import RunPhoto, RunSource, Sources
 from lightprobe.view.tasks import TaskKind, Tasks
@@ -285,7 +286,7 @@ def about_scene(scene: SceneArg) -> dict[str, Any]:
 @router.get("/scenes/{index}/photos/{number}/picture")
 def scene_picture(number: int, scene: SceneArg) -> Response:
     """Return a photo."""
-    return _picture(scene_photo(scene.image(number)))
+    return _picture(jpeg(read_ldr(scene.image(number))[0]))
 
 
 @router.get("/scenes/{index}/photos/{number}/mask")

@@ -82,7 +82,8 @@ class Gate:
             found.load(headers.get("cookie", ""))
         except CookieError:  # whatever a stranger's header holds, it is no token
             return False
-        return self.cookie in found and self._is_token(found[self.cookie].value)
+        kept = None if self.cookie is None else found.get(self.cookie)
+        return kept is not None and self._is_token(kept.value)
 
     async def _ask_for_token(self, scope: Scope, send: Send) -> None:
         """Refuse a request without the token, or let the address of a page bring it into the cookie."""

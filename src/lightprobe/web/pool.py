@@ -351,9 +351,7 @@ class Pool:
             return None
 
     def _choice(self, slot: Slot) -> Task | None:
-        """Return the task for an idle process and take it out of the queue, None where another slot has it
-        loaded.
-        """
+        """Take the task for an idle process out of the queue; return None where it is for another slot."""
         if not self._waiting:
             return None
         oldest = chosen = self._waiting[0]
