@@ -7,6 +7,7 @@ import json
 import re
 import zipfile
 from enum import StrEnum
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from lightprobe.jobs import AnswerFiles, Output
-from lightprobe.web.errors import STATUS, NotAcceptableError
+from lightprobe.web.errors import RefusedError
 
 _WEIGHT = re.compile(r"[01](\.\d{0,3})?")
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
@@ -48,7 +49,7 @@ class AnswerKind(StrEnum):
 def accepted_kind(header: str) -> AnswerKind:
     """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1).
 
-    Without a header, and where several are as welcome, JSON comes first. Raises `NotAcceptableError` where none
+    Without a header, and where several are as welcome, JSON comes first. Raises `RefusedError` (406) where none
     is welcome.
     """
     ranges = {}
@@ -64,8 +65,8 @@ def accepted_kind(header: str) -> AnswerKind:
 
     best = max(AnswerKind, key=weight_of)
     if weight_of(best) == 0:
-        raise NotAcceptableError(
-            f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
+        raise RefusedError(
+            406, f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
         )
     return best
 
@@ -148,18 +149,13 @@ class Answer(BaseModel):
 
 
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+_REFUSALS = (404, 406, 408, 413, 415, 422, 429, 500, 503, 504)
 RESPONSES: dict[int | str, dict[str, Any]] = {
     200: {
         "model": Answer,
         "description": "The prediction.",
         "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
     },
-    **{
-        status: {
-            "model": Refusal,
-            "description": " ".join(kind.__doc__ or "" for kind in STATUS if STATUS[kind] == status),
-        }
-        for status in sorted(set(STATUS.values()))
-    },
+    **{status: {"model": Refusal, "description": HTTPStatus(status).phrase} for status in _REFUSALS},
 }
 """The answers to it."""

@@ -13,7 +13,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.core.errors import InputError
 from lightprobe.core.files import inside, named_file, shell_word, write_bytes
 from lightprobe.imaging import read_ldr
 from lightprobe.scene.record import read_record
@@ -25,7 +25,7 @@ from lightprobe.view.uploads import LIMITS, UploadKind, Uploads
 from lightprobe.view.watching import TrainingWatch
 from lightprobe.web.errors import MIB
 from lightprobe.web.pool import TaskState
-from lightprobe.web.uploads import receive_file, renamed
+from lightprobe.web.uploads import receive_file, renaming
 from lightprobe.web.worker import WorkerProcess
 
 router = APIRouter()
@@ -300,10 +300,9 @@ async def correct_mask(number: int, request: Request, scene: SceneArg, session: 
     """Take a painted mask as the body, a PNG, and write it into the scene."""
     painted = session.folder / f"mask-{secrets.token_hex(8)}.png"
     try:
-        await receive_file(request, painted, _LARGEST_MASK, "The mask")
-        written = await run_in_threadpool(save_mask, scene, number, painted)
-    except LightprobeError as error:
-        raise type(error)(renamed(str(error), {painted: "The mask"})) from error
+        with renaming({painted: "The mask"}):
+            await receive_file(request, painted, _LARGEST_MASK, "The mask")
+            written = await run_in_threadpool(save_mask, scene, number, painted)
     finally:
         painted.unlink(missing_ok=True)
     command = f"lightprobe prepare PHOTOS -o {shell_word(scene.folder)}"

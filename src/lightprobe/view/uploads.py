@@ -60,7 +60,7 @@ class Uploads:
     async def receive(self, kind: UploadKind, request: Request) -> Upload:
         """Keep the body of a request as a file, after a look at its content.
 
-        Raises `TooLargeError` as soon as it is too large, `InputError` when it is not what it should be.
+        Raises `RefusedError` (413) as soon as it is too large, `InputError` when it is not what it should be.
         """
         name, id = quoted_name(request), secrets.token_urlsafe(9)
         path = self._folder / f"{kind.value}-{id}"

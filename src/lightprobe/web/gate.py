@@ -12,7 +12,7 @@ from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
 from lightprobe.web.asgi import App, Message, Receive, Scope, Send, adding_headers, headers_of, reply
-from lightprobe.web.errors import TooLargeError
+from lightprobe.web.errors import too_large
 from lightprobe.web.listening import is_loopback
 
 PAGE_HEADER = "x-lightprobe"
@@ -56,7 +56,7 @@ class Gate:
         elif not (self.token is None or scope["path"] in self.open_paths or self._has_token(headers)):
             await self._ask_for_token(scope, send)
         elif length.isdigit() and (len(length) > 18 or int(length) > self.largest):
-            await reply(send, 413, str(TooLargeError.of("The request", self.largest)))
+            await reply(send, 413, str(too_large("The request", self.largest)))
         else:
             await self.app(scope, self._counting(receive), send)
 
@@ -106,7 +106,7 @@ class Gate:
         return self.token is not None and hmac.compare_digest(*secrets)
 
     def _counting(self, receive: Receive) -> Receive:
-        """Return a `receive` that raises `TooLargeError` once a body is larger than it may be."""
+        """Return a `receive` that raises `RefusedError` (413) once a body is larger than it may be."""
         count = 0
 
         async def counted() -> Message:
@@ -114,7 +114,7 @@ class Gate:
             message = await receive()
             count += len(message.get("body", b""))
             if count > self.largest:
-                raise TooLargeError.of("The request", self.largest)
+                raise too_large("The request", self.largest)
             return message
 
         return counted
