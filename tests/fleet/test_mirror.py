@@ -103,8 +103,8 @@ def test_changes_are_sent_now_and_then(remote, tmp_path):
     mirror = Mirror(tmp_path, remote)
     write(tmp_path, "config.json", "{}", 1)
     mirror.on_progress("pass1", 1, 9)
-    assert remote.files() == {}
+    assert remote.files() == []
     mirror = Mirror(tmp_path / "other", remote, every=0.0)
     write(tmp_path / "other", "config.json", "{}", 1)
     mirror.on_progress("pass1", 2, 9, "loss 1")
-    assert list(remote.files()) == ["config.json"]
+    assert remote.files() == ["config.json"]

@@ -53,7 +53,6 @@ _Out = Annotated[str, option(aliases=["-o"], metavar="OUT", help="Folder for map
 _Chunk = Annotated[int, option(metavar="N", help="Photos of one object that a task predicts from, at most.")]
 _Retry = Annotated[FlagCreatePairsOff[bool], option(help="Try those photos again that have failed.")]
 _Confidence = Annotated[FlagCreatePairsOff[bool], option(help="Also write the confidence of each map.")]
-_Options = Annotated[LightOptions, arg(name="")]
 
 # `with_preset` puts the chosen preset's in their place
 _FIRST, _SECOND, _THIRD = DecomposeConfig(), DistillConfig(), PredictConfig()
@@ -112,7 +111,7 @@ def fleet_predict(
     chunk: _Chunk = CHUNK,
     retry_failed: _Retry = False,
     confidence: _Confidence = False,
-    options: _Options = _OPTIONS,
+    options: Annotated[LightOptions, arg(name="")] = _OPTIONS,
     settings: Prediction = UNCHANGED,
 ) -> None:
     """Predict the environments of all photos that a Parquet file lists, on this machine or on a Ray cluster.

@@ -8,7 +8,14 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from lightprobe.cli.answer import say, say_one
-from lightprobe.cli.options import Device, Prediction, RunArg, option
+from lightprobe.cli.options import (
+    Device,
+    FoundCameraArg,
+    MaskArg,
+    Prediction,
+    RunArg,
+    option,
+)
 from lightprobe.core.config.prediction import UNCHANGED
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import shell_word
@@ -27,18 +34,11 @@ from lightprobe.jobs import (
     predict_photos,
     predict_together,
     predict_video,
-    predict_video_together,
 )
 from lightprobe.prediction import BackgroundUse
 
 _PhotosArg = Annotated[
     Positional[tuple[Path, ...]], option(metavar="IMAGE...", help="Photos of the object (at least one).")
-]
-_NewCameraArg = Annotated[
-    Path | None,
-    option(
-        metavar="C.json", help="Camera of the photo, or many of which its name chooses; else it is found."
-    ),
 ]
 _MapArg = Annotated[
     Path | None,
@@ -46,13 +46,6 @@ _MapArg = Annotated[
         aliases=["-o"],
         metavar="ENV",
         help="The map, .exr or .hdr, or a folder that is there; several maps need one.",
-    ),
-]
-_MaskArg = Annotated[
-    Path | None,
-    option(
-        metavar="M",
-        help="White object on black, or a folder with a .png like it for each photo; else the photo's alpha, or found.",
     ),
 ]
 _SaveCameraArg = Annotated[Path | None, option(metavar="C.json", help="Name of the camera that was found.")]
@@ -69,7 +62,7 @@ _OneLightArg = Annotated[
 ]
 _EveryArg = Annotated[
     int | None,
-    option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth."),
+    option(metavar="N", help=f"Predict from every Nth frame of a video; by default {EVERY}."),
 ]
 _OPTIONS = LightOptions()
 
@@ -78,9 +71,9 @@ def predict(
     run: RunArg,
     images: _PhotosArg,
     *,
-    camera: _NewCameraArg = None,
+    camera: FoundCameraArg = None,
     output: _MapArg = None,
-    mask: _MaskArg = None,
+    mask: MaskArg = None,
     confidence: _ConfidenceArg = None,
     save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None,
@@ -129,11 +122,7 @@ def predict(
             _tell(answer)
             _tell_known(answer, chosen)
     elif one_light:
-        joint = (
-            predict_together(session, requests, chosen)
-            if video is None
-            else predict_video_together(session, requests[0], chosen, every=step)
-        )
+        joint = predict_together(session, requests, chosen, every=step)
         _tell_untrained(session, options)
         _tell_joint(joint)
     else:
@@ -217,7 +206,7 @@ def locate(
     output: Annotated[
         Path | None, option(aliases=["-o"], metavar="FOLDER", help="Folder for the files.")
     ] = None,
-    mask: _MaskArg = None,
+    mask: MaskArg = None,
     save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None,
     save_overlay: _SaveOverlayArg = None,

@@ -24,7 +24,7 @@ from lightprobe.core.partial import partial_folder
 from lightprobe.core.reading import LARGEST_PICTURE, LARGEST_TEXT
 from lightprobe.fleet.executor import Executor, Needs
 from lightprobe.fleet.index import FOLDER, PhotoIndex, PhotoRow, State
-from lightprobe.fleet.record import check_record, held
+from lightprobe.fleet.record import held
 from lightprobe.fleet.storage import Place
 from lightprobe.fleet.table import PhotoTable, TableRow
 from lightprobe.jobs import Answer, AnswerFiles, LightOptions, Output, PredictRequest, Session, predict_photo
@@ -98,13 +98,12 @@ def predict_fleet(
     if chunk < 1:
         raise ConfigError(f"A task needs --chunk of at least 1 photo, not {chunk}.")
     file, place = PhotoTable(Place.of(table)), Place.of(output)
-    with held(place):
-        record = {
-            "jobs": file.identity(),
-            "options": {**asdict(chosen), "confidence": confidence},
-            "settings": asdict(settings),
-        }
-        check_record(place, record, alone=True)
+    record = {
+        "jobs": file.identity(),
+        "options": {**asdict(chosen), "confidence": confidence},
+        "settings": asdict(settings),
+    }
+    with held(place, record, alone=True):
         index = PhotoIndex(place, file.rows)
         if retry_failed:
             index.forget_failures()

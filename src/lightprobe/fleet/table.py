@@ -121,10 +121,9 @@ class PhotoTable:
 
 def _row(number: int, entry: dict[str, str | None]) -> TableRow:
     """Return a row; what is needed and missing is empty, and refused where it is used, in that row alone."""
-    needed = {name: entry[name] or "" for name in _NEEDED}
     optional = {name: entry.get(name) or None for name in _OPTIONAL}
     options = {name: text for name in _OPTIONS if (text := entry.get(name))}
-    return TableRow(number, **needed, **optional, options=options)
+    return TableRow(number, entry["run"] or "", entry["photo"] or "", **optional, options=options)
 
 
 def _first_line(error: Exception) -> str:

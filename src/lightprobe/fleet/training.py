@@ -27,7 +27,7 @@ from lightprobe.core.timings import PhaseTiming, read_timings
 from lightprobe.fleet.executor import Executor, Needs
 from lightprobe.fleet.index import SceneIndex, SceneRow, State
 from lightprobe.fleet.mirror import Mirror
-from lightprobe.fleet.record import check_record, held
+from lightprobe.fleet.record import held
 from lightprobe.fleet.storage import Place
 from lightprobe.models import ProbeModel
 from lightprobe.prediction import methods_for, recorded_config
@@ -102,8 +102,7 @@ def train_fleet(
         raise InputError(
             f"{place} holds no scenes: it needs a folder for each, as `lightprobe train` takes one."
         )
-    with held(runs):
-        check_record(runs, {"scenes": str(place), "options": asdict(options)}, alone=False)
+    with held(runs, {"scenes": str(place), "options": asdict(options)}, alone=False):
         index = SceneIndex(runs)
         done = {name for name, row in index.rows.items() if row.state == State.DONE}
         tasks = [
@@ -131,8 +130,6 @@ def train_scene(task: SceneTask) -> SceneRow:
             warnings.simplefilter("ignore", LightprobeWarning)
             on_progress = silent if mirror is None else mirror.on_progress
             _patiently(lambda: _train(task, scene, run, on_progress), task.patience)
-            if task.options.evaluate:
-                _patiently(lambda: _evaluate(task, scene, run, on_progress), task.patience)
             if mirror is not None:
                 mirror.send()
             return _told(RunFolder(run), row)
@@ -155,23 +152,11 @@ def _folders(task: SceneTask) -> Iterator[tuple[Path, Path, Mirror | None]]:
 
 
 def _train(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
-    options = task.options
-    train_run(
-        scene,
-        run,
-        decompose=options.decompose,
-        distill=options.distill,
-        predict=options.predict,
-        device=task.device,
-        seed=options.seed,
-        hdri=options.hdri,
-        on_progress=on_progress,
-    )
-
-
-def _evaluate(task: SceneTask, scene: Path, run: Path, on_progress: OnProgress) -> None:
+    """Train a run, or go on with it, and evaluate it where that is asked for and not done."""
+    settings = {key: value for key, value in vars(task.options).items() if key != "evaluate"}
+    train_run(scene, run, device=task.device, on_progress=on_progress, **settings)
     folder = RunFolder(run)
-    if folder.metrics_file.is_file():
+    if not task.options.evaluate or folder.metrics_file.is_file():
         return
     method = methods_for(ProbeModel.load(folder.model_folder), recorded_config(folder))[0]
     prepared = run / SCENE  # of plain photos

@@ -19,7 +19,6 @@ from lightprobe.jobs.job import (
     predict_photos,
     predict_together,
     predict_video,
-    predict_video_together,
 )
 from lightprobe.jobs.photos import LocatedPhoto
 from lightprobe.jobs.request import LightOptions, Output, PredictRequest
@@ -43,5 +42,4 @@ __all__ = [
     "predict_photos",
     "predict_together",
     "predict_video",
-    "predict_video_together",
 ]

@@ -15,7 +15,7 @@ from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
 from lightprobe.jobs.files import ChosenFiles
 from lightprobe.jobs.light_files import tell_of_scale, whole_light
-from lightprobe.jobs.photos import LocatedPhoto
+from lightprobe.jobs.photos import LocatedPhoto, known_photo
 from lightprobe.jobs.request import PredictRequest
 from lightprobe.jobs.session import Session
 from lightprobe.scene.background import is_opaque
@@ -83,7 +83,7 @@ def insert_object(
     found, session = load_thing(Path(thing)), Session(run, device)
     light = None if light_map is None else whole_light(light_map, session.device)
     location = ChosenFiles().location_of(session.run.path / "predictions", request.photo)
-    new = session.read(request, session.known(request), location)
+    new = session.read(request, known_photo(session.run, request), location)
     warnings = [*doubt_about_up(session.run), *(() if new.location is None else new.location.warnings)]
     decomposition = session.predictor.decomposition
     if light is None or light_map is None:

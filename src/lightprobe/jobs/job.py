@@ -6,7 +6,7 @@ Of one photo, of several one by one or together, or of a video's frames.
 """
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,10 +19,10 @@ from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import read_json, refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.export.light_file import PhotoFacts
-from lightprobe.imaging import write_png
+from lightprobe.imaging import is_video, write_png
 from lightprobe.imaging.video import frames
-from lightprobe.jobs.files import AnswerFiles, ChosenFiles, is_map_name, refuse_namesakes
-from lightprobe.jobs.photos import LocatedPhoto, NewPhoto, locate_photo
+from lightprobe.jobs.files import LOCATION, AnswerFiles, ChosenFiles, is_map_name, refuse_namesakes
+from lightprobe.jobs.photos import LocatedPhoto, NewPhoto, known_photo, locate_photo
 from lightprobe.jobs.request import Output, PredictRequest
 from lightprobe.jobs.session import Session
 from lightprobe.light.environment import Environment
@@ -107,8 +107,7 @@ def predict_photo(
     on_stage: called with what is done next. Raises `InputError` for files that cannot be used, a photo
     without the object and one that no light explains.
     """
-    known = session.known(request)
-    answer, photo = _predicted(session, request, files, known, on_stage)
+    answer, photo = _predicted(session, request, files, known_photo(session.run, request), on_stage)
     on_stage("writing")
     files.write(answer.prediction, answer.facts, request)
     if files.known and photo.location is None:
@@ -129,19 +128,24 @@ def predict_photos(
 
 
 def predict_together(
-    session: Session, requests: Sequence[PredictRequest], chosen: ChosenFiles | None = None
+    session: Session,
+    requests: Sequence[PredictRequest],
+    chosen: ChosenFiles | None = None,
+    *,
+    every: int = EVERY,
 ) -> JointAnswer:
-    """Predict and write the one light that all photos of an object were taken under, by the first's options.
+    """Predict and write the one light of all photos of an object, or of every `every`-th frame of a video.
 
-    The map is named after the first photo. The rest as in `predict_photos`. Photos that cannot serve are left
-    out; raises `InputError` when none is left, and `ConfigError` when two photos have the same name: a photo
-    that is given twice tells nothing more.
+    The options are the first request's, and the map is named after its photo; the frames of a video go into
+    the folder of the map, or into one of the map's name. The rest as in `predict_photos`. Photos that cannot
+    serve are left out; raises `InputError` when none is left, and `ConfigError` when two photos have the same
+    name: a photo that is given twice tells nothing more.
     """
     chosen, start = chosen or ChosenFiles(), time.perf_counter()
-    _checked(session.run, requests, chosen, "give each photo once, and rename those named alike")
-    target = chosen.of(session.run, requests[0].photo, False, requests[0])
-    _refuse_replacing([target], requests, chosen)
-    known = _ready(session, requests)
+    if requests and is_video(requests[0].photo):
+        requests, chosen = _frames_together(session.run, requests[0], chosen, every)
+    advice = "give each photo once, and rename those named alike"
+    (target,), known = _ready(session, requests, chosen, advice, together=True)
     read, left_out = dict[Path, NewPhoto](), dict[Path, str]()
     for request, photo in zip(requests, known, strict=True):
         location = chosen.location_of(target.light.parent, request.photo)
@@ -157,21 +161,14 @@ def predict_together(
             left_out[request.photo] = nothing
     if not read:
         raise InputError(" ".join(f"{image} gets no map. {reason}" for image, reason in left_out.items()))
-    seen, options = list(read.values()), requests[0]
+    seen = list(read.values())
     given = _exif_exposures(seen)
-    prediction, exposures = session.predictor.predict_together(
-        [(photo.pixels, photo.pixel_camera) for photo in seen],
-        session.method(options),
-        exposures=given,
-        backgrounds=[photo.background for photo in seen],
-        doubt=max(photo.doubt for photo in seen),
-        sources=options.sources,
-    )
+    prediction, exposures = session.predict_together(seen, requests[0], given)
     first = next(request for request in requests if request.photo in read)
     answer = _answer(session, first, target, seen[0], prediction, start)
     return JointAnswer(
         _written(replace(answer, location=None)),
-        dict(zip(read, exposures.tolist(), strict=True)),
+        dict(zip(read, exposures, strict=True)),
         given is not None,
         tuple(photo.location for photo in seen if photo.location is not None),
         left_out,
@@ -214,24 +211,6 @@ def predict_video(
     return VideoAnswer(tuple(answers), (flicker(lights), flicker(steady)), failures)
 
 
-def predict_video_together(
-    session: Session, request: PredictRequest, chosen: ChosenFiles | None = None, *, every: int = EVERY
-) -> JointAnswer:
-    """Predict the one light of a video's frames; as `predict_video` and `predict_together`.
-
-    The frames go into the folder of the map, or, where the map is named, into one of its name.
-    """
-    chosen = chosen or ChosenFiles()
-    output = chosen.output
-    if output is None or output.is_dir():
-        folder = _video_folder(session.run, request.photo, output)
-    else:
-        check_names(output, chosen.confidence)  # before the frames are written
-        folder = output.with_suffix("")
-    shots = _video_frames(request, folder, every)
-    return predict_together(session, shots, replace(chosen, output=output or folder / f"{folder.name}.exr"))
-
-
 def locate_photos(
     run: Path | str,
     images: Sequence[Path],
@@ -252,29 +231,23 @@ def locate_photos(
         raise ConfigError("No photo is named: lightprobe locate RUN IMAGE.")
     requests = [PredictRequest(photo=image, mask=mask) for image in images]
     chosen.check(len(images))
-    _refuse_replacing([], requests, chosen)
+    _refuse_replacing(chosen.location.values(), requests)
     refuse_namesakes(images, "locate them one by one, or rename one")
-    where = folder or opened.path / "predictions"
-    targets = [chosen.location_of(where, image) for image in images]
-    return _located(opened, requests, targets, resolve_device(device))
+    where, device = folder or opened.path / "predictions", resolve_device(device)
 
+    def located() -> Iterator[LocatedPhoto]:
+        from lightprobe.localization import Locator
 
-def _located(
-    run: RunFolder,
-    requests: Sequence[PredictRequest],
-    targets: Sequence[Mapping[Output, Path]],
-    device: torch.device,
-) -> Iterator[LocatedPhoto]:
-    from lightprobe.localization import Locator
+        locator, failures = Locator.load(opened.path, device), list[str]()
+        for request in requests:
+            try:
+                yield locate_photo(locator, request, chosen.location_of(where, request.photo))
+            except InputError as error:
+                failures.append(str(error))
+        if failures:
+            raise InputError(" ".join(failures))
 
-    locator, failures = Locator.load(run.path, device), list[str]()
-    for request, target in zip(requests, targets, strict=True):
-        try:
-            yield locate_photo(locator, request, target)
-        except InputError as error:
-            failures.append(str(error))
-    if failures:
-        raise InputError(" ".join(failures))
+    return located()
 
 
 def _predicted(
@@ -311,11 +284,7 @@ def _answer(
 
 def _unwritten(session: Session, requests: Sequence[PredictRequest], chosen: ChosenFiles) -> Iterator[Answer]:
     """Return the answers of `predict_photos`, their maps still to be written."""
-    _checked(session.run, requests, chosen, "predict them one by one, or rename one")
-    several = len(requests) > 1
-    files = [chosen.of(session.run, request.photo, several, request) for request in requests]
-    _refuse_replacing(files, requests, chosen)
-    known = _ready(session, requests)
+    files, known = _ready(session, requests, chosen, "predict them one by one, or rename one")
 
     def answers() -> Iterator[Answer]:
         failures = list[str]()
@@ -337,32 +306,39 @@ def _written(answer: Answer) -> Answer:
     return answer
 
 
-def _checked(run: RunFolder, requests: Sequence[PredictRequest], chosen: ChosenFiles, advice: str) -> None:
-    """Raise `InputError` or `ConfigError` where there is nothing to predict from, or names that cannot be."""
+def _ready(
+    session: Session,
+    requests: Sequence[PredictRequest],
+    chosen: ChosenFiles,
+    advice: str,
+    *,
+    together: bool = False,
+) -> tuple[list[AnswerFiles], list[Photo | None]]:
+    """Check all that can be before any work, and load what is needed.
+
+    Returns the files of each answer, of `together` one, and the photos whose camera is known. advice: what to
+    do about photos of the same name. Raises `InputError` and `ConfigError` as `predict_photos`.
+    """
     if not requests:
         raise ConfigError("No photo is named: lightprobe predict RUN IMAGE.")
     if any(request.camera is None for request in requests):
-        read_record(run)  # it has the cameras
+        read_record(session.run)  # it has the cameras
     chosen.check(len(requests))
     refuse_namesakes([request.photo for request in requests], advice)
-
-
-def _ready(session: Session, requests: Sequence[PredictRequest]) -> list[Photo | None]:
-    """Return the photos whose camera is known, with all loaded that predictions from the requests need."""
-    known = [session.known(request) for request in requests]
+    several, named = len(requests) > 1 and not together, requests[:1] if together else requests
+    files = [chosen.of(session.run, request.photo, several, request) for request in named]
+    maps = [path for one in files for output, path in one.paths.items() if output not in LOCATION]
+    _refuse_replacing([*maps, *chosen.location.values()], requests)
+    known = [known_photo(session.run, request) for request in requests]
     session.method(requests[0])
     if None in known:
         session.locator  # noqa: B018  loaded, or refused
-    return known
+    return files, known
 
 
-def _refuse_replacing(
-    files: Sequence[AnswerFiles], requests: Sequence[PredictRequest], chosen: ChosenFiles
-) -> None:
+def _refuse_replacing(written: Iterable[Path], requests: Sequence[PredictRequest]) -> None:
     """Raise `ConfigError` where what is written would replace a photo, a mask or a file of cameras."""
-    maps = [path for one in files for output, path in one.paths.items() if output not in one.location]
-    read = [path for one in requests for path in (one.photo, one.mask_file, one.camera)]
-    refuse_replacing([*maps, *chosen.location.values()], read)
+    refuse_replacing(written, [path for one in requests for path in (one.photo, one.mask_file, one.camera)])
 
 
 def _tells_nothing(photo: NewPhoto) -> str | None:
@@ -403,6 +379,20 @@ def _video_frames(request: PredictRequest, folder: Path, every: int) -> list[Pre
         write_png(path, frame.color)
         shots.append(replace(request, photo=path))
     return shots
+
+
+def _frames_together(
+    run: RunFolder, request: PredictRequest, chosen: ChosenFiles, every: int
+) -> tuple[list[PredictRequest], ChosenFiles]:
+    """Return the frames of a video, and the files of their one map; the frames are written."""
+    output = chosen.output
+    if output is None or output.is_dir():
+        folder = _video_folder(run, request.photo, output)
+    else:
+        check_names(output, chosen.confidence)  # before the frames are written
+        folder = output.with_suffix("")
+    shots = _video_frames(request, folder, every)
+    return shots, replace(chosen, output=output or folder / f"{folder.name}.exr")
 
 
 def _steady(prediction: Prediction, environment: Environment) -> Prediction:

@@ -65,8 +65,12 @@ class NewPhoto:
     camera: Camera  # input frame, of the photo at its own size
     background: Background | None  # None: not wanted, or the photo is cut out
     ev100: float | None  # exposure value from EXIF, if complete
-    known: Photo | None  # the photo with its camera, where that is known
-    location: LocatedPhoto | None  # where it was found
+    source: Photo | LocatedPhoto  # with the camera that was known, or found
+
+    @property
+    def location(self) -> LocatedPhoto | None:
+        """The photo with its camera and mask, if they were found."""
+        return self.source if isinstance(self.source, LocatedPhoto) else None
 
     @property
     def pixel_camera(self) -> Camera:
@@ -84,9 +88,9 @@ class NewPhoto:
 
         (H, W, 3) float32, linear and straight; black where a cut-out photo shows nothing.
         """
-        if self.known is not None:
-            return load_thumbnail(self.known, max(self.pixels.alpha.shape))[0]
-        return self._located().located.color
+        if isinstance(self.source, LocatedPhoto):
+            return self.source.located.color
+        return load_thumbnail(self.source, max(self.pixels.alpha.shape))[0]
 
     def whole(self) -> tuple[np.ndarray, np.ndarray]:
         """Return all that the photo shows at full size: colour and the object's coverage.
@@ -94,9 +98,9 @@ class NewPhoto:
         (H, W, 3) linear and straight, background included, and (H, W), both float32. The mask of a located
         photo is read from its file.
         """
-        if self.known is not None:
-            return load_thumbnail(self.known, max(self.camera.width, self.camera.height))
-        return read_ldr(self.image)[0], read_mask(self._located().files[Output.MASK])
+        if isinstance(self.source, LocatedPhoto):
+            return read_ldr(self.image)[0], read_mask(self.source.files[Output.MASK])
+        return load_thumbnail(self.source, max(self.camera.width, self.camera.height))
 
     def write_location(self, files: Mapping[Output, Path]) -> None:
         """Write those of camera, mask and overlay that are wanted of a photo whose camera is known."""
@@ -110,11 +114,6 @@ class NewPhoto:
                     write_mask(path, self.pixels.alpha)
                 case Output.OVERLAY:
                     write_overlay(path, self.surroundings(), self.pixels.alpha)
-
-    def _located(self) -> LocatedPhoto:
-        if self.location is None:
-            raise ValueError("Located, if its camera is not known.")
-        return self.location
 
 
 def known_photo(run: RunFolder, request: PredictRequest) -> Photo | None:
@@ -159,12 +158,12 @@ def read_photo(
         pixels, _ = load_pixels(known) if most_opaque is None else load_observed(known, most_opaque)
         background = load_background(known) if request.background else None
         camera = replace(known.camera, lens=None)
-        return NewPhoto(request.photo, pixels, camera, background, ev100, known, None)
+        return NewPhoto(request.photo, pixels, camera, background, ev100, known)
     found = locate_photo(locator(), request, files)
     located, background = found.located, None
     if request.background and is_opaque(request.photo):
         background = Background.of(located.color, located.clipped, located.mask, located.camera)
-    return NewPhoto(request.photo, located.pixels, located.camera, background, ev100, None, found)
+    return NewPhoto(request.photo, located.pixels, located.camera, background, ev100, found)
 
 
 def locate_photo(locator: "Locator", request: PredictRequest, files: Mapping[Output, Path]) -> LocatedPhoto:

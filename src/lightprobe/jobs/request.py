@@ -100,8 +100,8 @@ class PredictRequest(LightOptions):
     @property
     def mask_file(self) -> Path | None:
         """The photo's own mask, out of the folder if `mask` is one."""
-        folder = self.mask is not None and self.mask.is_dir()
-        return self.mask / f"{self.photo.stem}.png" if folder and self.mask else self.mask
+        mask = self.mask
+        return mask / f"{self.photo.stem}.png" if mask is not None and mask.is_dir() else mask
 
     def to_json(self) -> dict[str, Any]:
         """Return the fields as JSON has them."""

@@ -2,10 +2,10 @@
 
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import torch
 
@@ -13,7 +13,7 @@ from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptio
 from lightprobe.core.device import resolve_device
 from lightprobe.core.memory import held_bytes
 from lightprobe.core.run import RunFolder
-from lightprobe.jobs.photos import NewPhoto, known_photo, read_photo
+from lightprobe.jobs.photos import NewPhoto, read_photo
 from lightprobe.jobs.request import LightOptions, Output, PredictRequest
 from lightprobe.prediction import Prediction, Predictor, methods_for, recorded_config
 from lightprobe.scene import Photo
@@ -54,16 +54,11 @@ class Session:
         """Return the method that is asked for, or the run's own."""
         return options.method or methods_for(self.predictor.model, self.predictor.config)[0]
 
-    def known(self, request: PredictRequest) -> Photo | None:
-        """Return the photo with the camera that is known of it, else None; see `photos.known_photo`."""
-        return known_photo(self.run, request)
-
     def read(
         self,
         request: PredictRequest,
         known: Photo | None,
         files: Mapping[Output, Path],
-        *,
         whole: bool = False,
     ) -> NewPhoto:
         """Return a photo with its camera, see `photos.read_photo`; reduced as predictions take it, or `whole`."""
@@ -72,14 +67,29 @@ class Session:
 
     def predict(self, photo: NewPhoto, options: LightOptions) -> Prediction:
         """Return the light in a photo; raises `InputError` for one that no light explains."""
-        return self.predictor.predict(
-            photo.pixels,
-            photo.pixel_camera,
-            self.method(options),
-            background=photo.background,
-            doubt=photo.doubt,
-            sources=options.sources,
+        pixels, camera = photo.pixels, photo.pixel_camera
+        asked = self._arguments(options)
+        return self.predictor.predict(pixels, camera, background=photo.background, doubt=photo.doubt, **asked)
+
+    def predict_together(
+        self, photos: Sequence[NewPhoto], options: LightOptions, exposures: Sequence[float] | None
+    ) -> tuple[Prediction, list[float]]:
+        """Return the one light of several photos, and their exposures relative to the first's.
+
+        The exposures are found with the light unless they are given. Raises `InputError` as `predict`.
+        """
+        prediction, found = self.predictor.predict_together(
+            [(photo.pixels, photo.pixel_camera) for photo in photos],
+            exposures=exposures,
+            backgrounds=[photo.background for photo in photos],
+            doubt=max(photo.doubt for photo in photos),
+            **self._arguments(options),
         )
+        return prediction, found.tolist()
+
+    def _arguments(self, options: LightOptions) -> dict[str, Any]:
+        """Return what the predictor is told of the options."""
+        return {"method": self.method(options), "sources": options.sources}
 
 
 class Sessions:
