@@ -11,7 +11,17 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
-from lightprobe.web.asgi import App, Message, Receive, Scope, Send, adding_headers, headers_of, reply
+from lightprobe.web.asgi import (
+    App,
+    Message,
+    Receive,
+    Scope,
+    Send,
+    adding_headers,
+    announced_length,
+    headers_of,
+    reply,
+)
 from lightprobe.web.errors import too_large
 from lightprobe.web.listening import is_loopback
 
@@ -50,12 +60,11 @@ class Gate:
         scope["headers"] = [pair for pair in scope["headers"] if pair[0].lower() != b"range"]
         own = {**dict(_HEADERS), **dict(self.headers)}
         headers, send = headers_of(scope), adding_headers(send, list(own.items()))
-        length = headers.get("content-length", "")
         if self.hosts is not None and (sentence := self._foreign(scope, headers)) is not None:
             await reply(send, 403, sentence)
         elif not (self.token is None or scope["path"] in self.open_paths or self._has_token(headers)):
             await self._ask_for_token(scope, send)
-        elif length.isdigit() and (len(length) > 18 or int(length) > self.largest):
+        elif announced_length(headers) > self.largest:
             await reply(send, 413, str(too_large("The request", self.largest)))
         else:
             await self.app(scope, self._counting(receive), send)

@@ -18,6 +18,7 @@ from starlette.requests import Request
 from lightprobe.core.errors import ConfigError, InputError, ResourceError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.imaging import IMAGE_SUFFIXES
+from lightprobe.web.asgi import announced_length
 from lightprobe.web.errors import MIB, RefusedError, too_large
 
 _SHOWN_NAME = 80  # characters
@@ -75,9 +76,7 @@ def renaming(names: Mapping[Path, str]) -> Iterator[None]:
 
 async def receive_file(request: Request, path: Path, limit: int, name: str) -> None:
     """Write a request's body to a new file; raise `RefusedError` (413) before more than `limit` bytes are written."""
-    length = request.headers.get("content-length", "")
-    written = int(length) if length.isdigit() and len(length) < 19 else 0
-    if written > limit:
+    if announced_length(request.headers) > limit:
         raise too_large(name, limit)
     written = 0
     with disk_errors(path), open(path, "xb") as file:
