@@ -31,8 +31,8 @@ def run_photo(source: RunSource, photo: RunPhoto) -> bytes:
 
     Raises `InputError` when its file is gone or damaged.
     """
-    image = source.image_file(photo)
-    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file, source.mask_file(photo)), SIDE)
+    image, mask = source.files(photo)
+    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file, mask), SIDE)
     if float(alpha.min()) >= _OPAQUE:
         return jpeg(color)
     cover = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
