@@ -27,7 +27,7 @@ from lightprobe.view.app import create_app as page_app
 from lightprobe.view.routes import Session
 from lightprobe.view.sources import Sources
 from lightprobe.view.tasks import TaskKind
-from lightprobe.web.errors import STATUS, WorkerEndedError, received
+from lightprobe.web.errors import WorkerEndedError, received
 from lightprobe.web.listening import server_settings
 from lightprobe.web.pool import Pool, SlotState, TaskState
 from lightprobe.web.worker import START
@@ -224,7 +224,7 @@ class ServiceServer:
 class PageServer:
     """The page's server with a worker that computes nothing, once with a token and once without."""
 
-    statuses = frozenset({200, 303, 304, 307, 400, 401, 403, 405, *STATUS.values()} - {500, 504})
+    statuses = frozenset({200, 303, 304, 307, 400, 401, 403, 404, 405, 413, 422, 429, 503})
 
     def __init__(self, root: Path, writes: Writes):
         """Show the run and the scene in a folder."""

@@ -71,7 +71,7 @@ class Target:
         """Make the valid files in `corpus`, unless they are there, and return the names of those to spoil."""
         folder = corpus / self.make.__name__
         if not folder.exists():
-            corpus.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True)
             self.make(folder)
         found = [sorted(folder.glob(pattern)) for pattern in self.pattern.split()]
         return tuple(str(path.relative_to(folder)) for paths in found for path in paths)
@@ -137,8 +137,7 @@ def _nerd(root: Path) -> None:
 
 
 def _glbs(root: Path) -> None:
-    root.mkdir()
-    made = box()
+    write(root / "box.glb", box())
     textured = box()
     corners = len(textured.binary) and 8
     uvs = textured.array(np.random.default_rng(0).random((corners, 2)).astype(np.float32), "VEC2")
@@ -154,12 +153,10 @@ def _glbs(root: Path) -> None:
         "index": 0,
         "extensions": shift,
     }
-    write(root / "box.glb", made)
     write(root / "textured.glb", textured)
 
 
 def _videos(root: Path) -> None:
-    root.mkdir()
     frames = [frame[:48, :64] for frame in pan(4)]
     write_video(root / "a.mp4", frames)
     write_video(root / "a.mov", frames, codec="mjpeg", pixels="yuvj420p")
@@ -175,7 +172,6 @@ def _read_video(root: Path, path: Path) -> None:
 
 
 def _run(root: Path) -> None:
-    root.mkdir()
     run = finished_run(root)
     add_model(run)
     Calibration((1.0, 2.0, 0.5), "a grey card").save(run.calibration_file)
@@ -197,11 +193,7 @@ def _run(root: Path) -> None:
         "focal": torch.tensor([1.2], dtype=torch.float64),
     }
     save_tensors(root / "views.safetensors", tensors, {"kind": "views"})
-    _evaluate(run, root)
     _page_files(root)
-
-
-def _evaluate(run: RunFolder, root: Path) -> None:
     other = evaluated_run(root / "other", {"test_00": 30.0, "test_01": 28.0})
     shutil.copy(other.metrics_file, run.metrics_file)
     shutil.copytree(other.report_file.parent, run.report_file.parent)
@@ -244,7 +236,6 @@ def _read_prepared(root: Path, path: Path) -> None:
 
 
 def _light_files(root: Path) -> None:
-    root.mkdir()
     source = LightSource((0.0, 0.6, 0.8), 0.01, (3.0, 2.0, 1.0), 0.1, 0.02)
     write_sources(root / "light.exr", 64, (source, source), Sun.SEPARATE)
     record("cup").write(root)

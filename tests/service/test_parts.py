@@ -11,7 +11,7 @@ from lightprobe.service.devices import assignments
 from lightprobe.service.objects import Objects
 from lightprobe.service.server import ServiceConfig, check_access, read_token, worker_arguments
 from lightprobe.service.telemetry import JsonLines
-from lightprobe.web.errors import NotAcceptableError, UnknownObjectError
+from lightprobe.web.errors import RefusedError
 from tests.service.serving import runs_folder
 
 
@@ -96,7 +96,7 @@ def test_accept_chooses_the_answer(header, kind):
 
 @pytest.mark.parametrize("header", ["text/html", "image/png", "*/*;q=0", ";;,", "application/json;q=x"])
 def test_an_answer_that_is_not_made(header):
-    with pytest.raises(NotAcceptableError):
+    with pytest.raises(RefusedError, match="Accept"):
         accepted_kind(header)
 
 
@@ -110,7 +110,7 @@ def test_objects_come_and_go_and_are_listed_in_pages(tmp_path):
     runs_folder(runs, "d")
     assert objects.find("d").path == runs.resolve() / "d"
     (runs / "d" / "config.json").unlink()
-    with pytest.raises(UnknownObjectError, match="GET /objects"):
+    with pytest.raises(RefusedError, match="GET /objects"):
         objects.find("d")
     with pytest.raises(InputError, match="no folder of runs"):
         Objects(tmp_path / "missing")

@@ -80,10 +80,7 @@ def test_a_photo_that_lies_elsewhere_is_not_shown(prepared, tmp_path):
 
 def test_a_box_is_kept_or_becomes_an_option(prepared, tmp_path):
     assert save_box(prepared, 0, (0.25, 0.1, 0.5, 0.9)).startswith("lightprobe prepare PHOTOS -o ")
-    assert json.loads((prepared.folder / "hint.json").read_text()) == {
-        "photo": "a",
-        "box": [10, 3, 20, 27],
-    }
+    assert json.loads((prepared.folder / "hint.json").read_text()) == {"photo": "a", "box": [10, 3, 20, 27]}
     assert prepared.to_json()["hint"] == "a=10,3,20,27"
     with pytest.raises(InputError, match="draw it"):
         save_box(prepared, 0, (0.5, 0.1, 0.5, 0.9))

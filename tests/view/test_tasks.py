@@ -7,7 +7,7 @@ import pytest
 from lightprobe.core.errors import InputError
 from lightprobe.view import tasks as module
 from lightprobe.view.tasks import TaskKind, Tasks
-from lightprobe.web.errors import TooManyRequestsError
+from lightprobe.web.errors import RefusedError
 from lightprobe.web.pool import TaskState
 from tests.view.conftest import PageProcess
 
@@ -58,7 +58,7 @@ def test_too_many_are_refused_and_leave_no_folder(tasks, tmp_path):
     while running.state is not TaskState.RUNNING:
         time.sleep(0.01)
     waiting = [submit(tasks) for _ in range(8)]
-    with pytest.raises(TooManyRequestsError, match="wait already"):
+    with pytest.raises(RefusedError, match="wait already"):
         submit(tasks)
     assert len(list((tmp_path / "tasks").iterdir())) == 9
     tasks.pool.stop(running)

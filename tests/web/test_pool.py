@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from lightprobe.core.errors import InputError, ResourceError
 from lightprobe.core.failures import UnexpectedError
-from lightprobe.web.errors import DeadlineError, TooManyRequestsError, WorkerEndedError, WorkerLostError
+from lightprobe.web.errors import RefusedError, WorkerEndedError
 from lightprobe.web.pool import Event, Pool, SlotState, Task, TaskState
 from tests.web.processes import FakeProcess
 
@@ -55,7 +55,7 @@ def test_every_task_has_its_end(works, slots):
     pool = Pool(FakeProcess, limit=100, slots=slots, tries=2)
     try:
         tasks = [submit(pool, *work) for work in works]
-        errors = {"fail": InputError, "break": UnexpectedError, "die": WorkerLostError}
+        errors = {"fail": InputError, "break": UnexpectedError, "die": RefusedError}
         for (what, _), task in zip(works, tasks, strict=True):
             assert type(task.answer.exception(20)) is errors.get(what, type(None))
             assert task.tries == (2 if what.startswith("die") else 1)
@@ -79,7 +79,7 @@ def test_an_object_stays_with_the_process_that_has_it_and_others_are_woken_at_on
         until(lambda: [slot.state for slot in pool.slots] == [SlotState.IDLE] * 2)
         for task in [submit(pool, object=name) for name in ("cup", "vase")]:
             pids.setdefault(task.object, set()).add(task.answer.result(20)["pid"])
-    assert time.monotonic() - begun < 30 * 0.1  # a slot that sleeps does so for half a second
+    assert time.monotonic() - begun < 30 * 0.25  # a slot that sleeps does so for half a second
     assert {name: len(seen) for name, seen in pids.items()} == {"cup": 1, "vase": 1}
 
 
@@ -102,7 +102,7 @@ def test_a_full_queue_is_told_and_what_is_dropped_or_stopped_makes_room(pools):
     running = submit(pool, "wait")
     until(lambda: running.state is TaskState.RUNNING)
     first, second = submit(pool), submit(pool)
-    with pytest.raises(TooManyRequestsError, match="2 requests wait already"):
+    with pytest.raises(RefusedError, match="2 requests wait already"):
         submit(pool)
     assert pool.drop(first)
     assert not pool.drop(running)
@@ -116,9 +116,9 @@ def test_a_deadline_frees_the_slot(pools):
     pool, _ = pools(note=lambda event, **values: heard.append((event, values.get("reason"))))
     running = submit(pool, "wait", seconds=0.2, waiting_counts=False)
     waiting = submit(pool, seconds=0.05)
-    with pytest.raises(DeadlineError, match=r"still waiting after 0\.05 s"):
+    with pytest.raises(RefusedError, match=r"still waiting after 0\.05 s"):
         waiting.answer.result(20)
-    with pytest.raises(DeadlineError, match=r"not finished after 0\.2 s"):
+    with pytest.raises(RefusedError, match=r"not finished after 0\.2 s"):
         running.answer.result(20)
     assert submit(pool).answer.result(20)
     assert (Event.ENDED, "deadline") in heard
@@ -129,7 +129,7 @@ def test_a_process_that_takes_too_much_memory_is_replaced(pools, monkeypatch):
     pool, _ = pools(memory=10)
     first, second = (submit(pool).answer.result(20)["pid"] for _ in range(2))
     assert first != second  # retired after a task
-    with pytest.raises(WorkerLostError, match="needs more memory"):
+    with pytest.raises(RefusedError, match="needs more memory"):
         submit(pool, "wait").answer.result(20)
 
 

@@ -7,14 +7,16 @@ import json
 import re
 import zipfile
 from enum import StrEnum
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+from pydantic import BaseModel
 from starlette.background import BackgroundTask
 from starlette.responses import FileResponse, Response
 
 from lightprobe.jobs import AnswerFiles, Output
-from lightprobe.web.errors import NotAcceptableError
+from lightprobe.web.errors import RefusedError
 
 _WEIGHT = re.compile(r"[01](\.\d{0,3})?")
 ANSWER, LIGHT, ARCHIVE = "answer.json", "light.light.json", "light.zip"
@@ -47,7 +49,7 @@ class AnswerKind(StrEnum):
 def accepted_kind(header: str) -> AnswerKind:
     """Return the kind of answer that an Accept header prefers (RFC 9110, section 12.5.1).
 
-    Without a header, and where several are as welcome, JSON comes first. Raises `NotAcceptableError` where none
+    Without a header, and where several are as welcome, JSON comes first. Raises `RefusedError` (406) where none
     is welcome.
     """
     ranges = {}
@@ -63,8 +65,8 @@ def accepted_kind(header: str) -> AnswerKind:
 
     best = max(AnswerKind, key=weight_of)
     if weight_of(best) == 0:
-        raise NotAcceptableError(
-            f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
+        raise RefusedError(
+            406, f"The answer can be {', '.join(AnswerKind)}; ask for one of these with Accept."
         )
     return best
 
@@ -107,3 +109,53 @@ def _write_archive(told: dict[str, Any], folder: Path) -> None:
         archive.writestr(LIGHT, _json(told["light"]))
         for name in told["files"]:
             archive.write(folder / name, name)
+
+
+class Refusal(BaseModel):
+    """Why a request was refused or failed."""
+
+    sentence: str
+    request: str = ""
+    """Its id, as in the log."""
+
+
+class AnswerFile(BaseModel):
+    """A file of an answer."""
+
+    name: str
+    media_type: str
+    bytes: int
+    base64: str
+
+
+class Answer(BaseModel):
+    """A prediction."""
+
+    object: str
+    request: str
+    method: str
+    verdict: dict[str, Any]
+    """Whether the photo can be what it is taken for, see docs/photos.md."""
+    pose: dict[str, Any] | None
+    """The same of the camera that was found; null: it was given."""
+    background: str
+    """What became of what the photo shows around the object."""
+    warnings: list[str]
+    seconds: dict[str, float]
+    """waiting, load, locate, the parts of the prediction and all."""
+    light: dict[str, Any]
+    """The light in numbers: docs/light-files.md."""
+    files: list[AnswerFile]
+
+
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_REFUSALS = (404, 406, 408, 413, 415, 422, 429, 500, 503, 504)
+RESPONSES: dict[int | str, dict[str, Any]] = {
+    200: {
+        "model": Answer,
+        "description": "The prediction.",
+        "content": {kind.value: _BINARY for kind in AnswerKind if kind is not AnswerKind.JSON},
+    },
+    **{status: {"model": Refusal, "description": HTTPStatus(status).phrase} for status in _REFUSALS},
+}
+"""The answers to it."""

@@ -36,6 +36,25 @@ FIELDS: Mapping[str, tuple[int, str, dict[str, Any]]] = {
 }
 """Fields of a request: the most bytes, what they are for, and their JSON schema."""
 
+BODY: dict[str, Any] = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["photo"],
+                    "properties": {
+                        name: {**schema, "description": f"{words} At most {limit} bytes."}
+                        for name, (limit, words, schema) in FIELDS.items()
+                    },
+                }
+            }
+        },
+    }
+}
+"""The body of a prediction."""
+
 
 def predict_request(form: Form, folder: Path) -> tuple[PredictRequest, float | None]:
     """Return the request that a form makes and its deadline in seconds; nothing of the photo is decoded yet.

@@ -8,7 +8,7 @@ from pydantic import BaseModel
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.core.run import RunFolder
-from lightprobe.web.errors import UnknownObjectError
+from lightprobe.web.errors import RefusedError
 
 
 class ObjectEntry(BaseModel):
@@ -57,11 +57,11 @@ class Objects:
             )
 
     def find(self, name: str) -> RunFolder:
-        """Return the run of an object; raise `UnknownObjectError` when there is none."""
+        """Return the run of an object; raise `RefusedError` (404) when there is none."""
         run = RunFolder(self._folder / name) if name in self._names() else None
         if run is None or not _is_reconstructed(run):
-            raise UnknownObjectError(
-                f"There is no object '{shown(name)}' here; GET /objects lists their names."
+            raise RefusedError(
+                404, f"There is no object '{shown(name)}' here; GET /objects lists their names."
             )
         return run
 

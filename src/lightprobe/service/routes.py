@@ -12,17 +12,15 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
-from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
 from lightprobe.core.run import RunFolder
-from lightprobe.service.answers import AnswerKind, accepted_kind, answer
-from lightprobe.service.fields import FIELDS, predict_request
+from lightprobe.service.answers import RESPONSES, AnswerKind, accepted_kind, answer
+from lightprobe.service.fields import BODY, FIELDS, predict_request
 from lightprobe.service.objects import ObjectEntry, ObjectList, Objects
-from lightprobe.service.schemas import BODY, RESPONSES
 from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
-from lightprobe.web.errors import SlowClientError, TooManyRequestsError
+from lightprobe.web.errors import RefusedError
 from lightprobe.web.pool import Pool, Task
-from lightprobe.web.uploads import Form, receive_form, renamed
+from lightprobe.web.uploads import Form, receive_form, renaming
 
 router = APIRouter()
 
@@ -112,18 +110,19 @@ async def metrics(service: ServiceArg) -> Response:
 async def _received(request: Request, service: Service, folder: Path) -> Form:
     """Return the form of a request.
 
-    Raises `TooManyRequestsError` where too many are sent at once, `SlowClientError` where it comes too slowly.
+    Raises `RefusedError` where too many are sent at once (429) and where it comes too slowly (408).
     """
     if len(service.receiving) >= service.uploads:
-        raise TooManyRequestsError(f"{service.uploads} photos are being sent already; try again in a second.")
+        raise RefusedError(429, f"{service.uploads} photos are being sent already; try again in a second.")
     service.receiving.add(folder)
     try:
         with service.telemetry.uploads.track_inprogress():
             async with asyncio.timeout(service.upload_seconds):
                 return await receive_form(request, folder, _LIMITS)
     except TimeoutError as error:
-        raise SlowClientError(
-            f"The photo did not arrive within {service.upload_seconds:.3g} s; send a smaller one or over a faster line."
+        raise RefusedError(
+            408,
+            f"The photo did not arrive within {service.upload_seconds:.3g} s; send a smaller one or over a faster line.",
         ) from error
     finally:
         service.receiving.discard(folder)
@@ -134,10 +133,8 @@ async def _predicted(
 ) -> dict[str, Any]:
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
-    try:
+    with renaming(names):
         wanted, deadline = await run_in_threadpool(predict_request, form, folder)
-    except LightprobeError as error:
-        raise type(error)(renamed(str(error), names)) from error
     if kind.output is not None:
         wanted = replace(wanted, outputs=(kind.output,))
     work = {**wanted.to_json(), "task": "predict", "run": str(run.path), "folder": f"{folder}/"}

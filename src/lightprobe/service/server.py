@@ -66,17 +66,9 @@ class ServiceConfig:
 
     def __post_init__(self) -> None:
         """Refuse limits that no service could work with."""
-        if self.queue < 1 or self.uploads < 1:
-            raise ConfigError("--queue and --uploads must be at least 1.")
-        positive = (
-            self.deadline,
-            self.upload_seconds,
-            self.max_megapixels,
-            self.cache_memory,
-            self.worker_memory,
-        )
-        if not all(0 < value < float("inf") for value in positive):
-            raise ConfigError("Seconds, megapixels and memory of the service must be above 0 and finite.")
+        for name, value in vars(self).items():
+            if not 0 < value < float("inf"):
+                raise ConfigError(f"--{name.replace('_', '-')} must be above 0 and finite, not {value}.")
 
 
 @dataclass(frozen=True)

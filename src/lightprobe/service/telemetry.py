@@ -70,8 +70,9 @@ class Telemetry:
         """Log to `logger`."""
         disable_created_metrics()  # when each count began is of no use, and doubles what is sent
         self._logger, self._registry = logger, CollectorRegistry()
-        names = self._names = {"registry": self._registry, "namespace": "lightprobe"}
-        timed: Any = {**names, "buckets": _SECONDS}
+        names: dict[str, Any] = {"registry": self._registry, "namespace": "lightprobe"}
+        timed: dict[str, Any] = {**names, "buckets": _SECONDS}
+        self._names = names
         self.requests = Counter(
             "requests", "Answers, by route and HTTP status.", ["route", "status"], **names
         )

@@ -34,9 +34,7 @@ class CheckpointPreviews:
         self._known: tuple[tuple[Path, str], FormingObject] | None = None  # by run and training
 
     def write(self, path: Path, folder: Path, tell: Callable[[str], None]) -> dict[str, Any]:
-        """Write preview.bin into `folder` and return its step and sizes; raise `InputError` without a
-        checkpoint.
-        """
+        """Write preview.bin into `folder`, return its step and sizes; raise `InputError` without a checkpoint."""
         run = RunFolder.open(path)
         latest = run.checkpoints.latest()
         if latest is None:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from lightprobe.imaging import read_ldr, shrink_area, srgb_encode
+from lightprobe.imaging import shrink_area, srgb_encode
 from lightprobe.light.environment import read_map
 from lightprobe.light.upsampling import reduced_map
 from lightprobe.scene import new_photo
@@ -31,26 +31,25 @@ def run_photo(source: RunSource, photo: RunPhoto) -> bytes:
 
     Raises `InputError` when its file is gone or damaged.
     """
-    image = source.image_file(photo)
-    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file, source.mask_file(photo)), SIDE)
-    return encoded(color, alpha if float(alpha.min()) < _OPAQUE else None)
-
-
-def scene_photo(path: Path) -> bytes:
-    """Return a photo of a folder as it is upright; raise `InputError` when it cannot be read."""
-    return encoded(shrink_area(read_ldr(path)[0], SIDE), None)
-
-
-def encoded(color: np.ndarray, alpha: np.ndarray | None) -> bytes:
-    """Return linear straight colour (H, W, 3) as JPEG, or with its alpha (H, W) as PNG."""
-    values = np.rint(255 * srgb_encode(np.clip(color, 0, 1))).astype(np.uint8)
+    image, mask = source.files(photo)
+    color, alpha = load_thumbnail(new_photo(image, source.run.scene_file, mask), SIDE)
+    if float(alpha.min()) >= _OPAQUE:
+        return jpeg(color)
+    cover = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
     buffer = io.BytesIO()
-    if alpha is None:
-        Image.fromarray(values).save(buffer, "JPEG", quality=90)
-    else:
-        cover = np.rint(255 * np.clip(alpha, 0, 1)).astype(np.uint8)
-        Image.fromarray(np.dstack([values, cover])).save(buffer, "PNG", compress_level=1)
+    Image.fromarray(np.dstack([_bytes(color), cover])).save(buffer, "PNG", compress_level=1)
     return buffer.getvalue()
+
+
+def jpeg(color: np.ndarray) -> bytes:
+    """Return a picture of linear colour (H, W, 3), reduced to the page's size, as JPEG."""
+    buffer = io.BytesIO()
+    Image.fromarray(_bytes(shrink_area(color, SIDE))).save(buffer, "JPEG", quality=90)
+    return buffer.getvalue()
+
+
+def _bytes(color: np.ndarray) -> np.ndarray:
+    return np.rint(255 * srgb_encode(np.clip(color, 0, 1))).astype(np.uint8)
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,11 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.core.errors import InputError
 from lightprobe.core.files import inside, named_file, shell_word, write_bytes
+from lightprobe.imaging import read_ldr
 from lightprobe.scene.record import read_record
-from lightprobe.view.pictures import light_texels, run_photo, scene_photo
+from lightprobe.view.pictures import jpeg, light_texels, run_photo
 from lightprobe.view.scenes import SceneSource, mask_picture, save_box, save_mask
 from lightprobe.view.sources import RunPhoto, RunSource, Sources
 from lightprobe.view.tasks import TaskKind, Tasks
@@ -24,7 +25,7 @@ from lightprobe.view.uploads import LIMITS, UploadKind, Uploads
 from lightprobe.view.watching import TrainingWatch
 from lightprobe.web.errors import MIB
 from lightprobe.web.pool import TaskState
-from lightprobe.web.uploads import receive_file, renamed
+from lightprobe.web.uploads import receive_file, renaming
 from lightprobe.web.worker import WorkerProcess
 
 router = APIRouter()
@@ -285,7 +286,7 @@ def about_scene(scene: SceneArg) -> dict[str, Any]:
 @router.get("/scenes/{index}/photos/{number}/picture")
 def scene_picture(number: int, scene: SceneArg) -> Response:
     """Return a photo."""
-    return _picture(scene_photo(scene.image(number)))
+    return _picture(jpeg(read_ldr(scene.image(number))[0]))
 
 
 @router.get("/scenes/{index}/photos/{number}/mask")
@@ -299,10 +300,9 @@ async def correct_mask(number: int, request: Request, scene: SceneArg, session: 
     """Take a painted mask as the body, a PNG, and write it into the scene."""
     painted = session.folder / f"mask-{secrets.token_hex(8)}.png"
     try:
-        await receive_file(request, painted, _LARGEST_MASK, "The mask")
-        written = await run_in_threadpool(save_mask, scene, number, painted)
-    except LightprobeError as error:
-        raise type(error)(renamed(str(error), {painted: "The mask"})) from error
+        with renaming({painted: "The mask"}):
+            await receive_file(request, painted, _LARGEST_MASK, "The mask")
+            written = await run_in_threadpool(save_mask, scene, number, painted)
     finally:
         painted.unlink(missing_ok=True)
     command = f"lightprobe prepare PHOTOS -o {shell_word(scene.folder)}"

@@ -46,9 +46,7 @@ class SceneSource:
         return inside(self.folder, f"masks/{self.image(index).stem}.png", source=self.folder / PREPARED)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the page lists: photos with the agreement of mask and hull, warnings, the box that was
-        drawn.
-        """
+        """Return what the page lists: photos with the agreement of mask and hull, warnings, the drawn box."""
         report = read_json(self.folder / PREPARED) if self.prepared else {}
         report = report if isinstance(report, dict) else {}
         agreement = report.get("mask_hull_iou")
@@ -67,9 +65,7 @@ class SceneSource:
 
 
 def mask_picture(scene: SceneSource, index: int) -> bytes:
-    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` when it cannot be
-    read.
-    """
+    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` for a damaged one."""
     path = scene.mask_file(index)
     if path.is_file():
         mask = shrink_area(read_mask(path), MASK_SIDE)

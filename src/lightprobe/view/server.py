@@ -45,7 +45,12 @@ def serve(
     """
     for library in ("fastapi", "uvicorn", *(["segno"] if lan else [])):
         extra_library(library, "The page of a run", "view")
-    sources = Sources.of(folders)
+    from uvicorn.config import LOGGING_CONFIG
+
+    from lightprobe.view.app import create_app
+    from lightprobe.view.routes import Session
+
+    sources, command = Sources.of(folders), worker_command("lightprobe.view.worker", device)
     address = open_address(port, lan=lan)
     with until_interrupted(), address.listening, partial_folder(Path(tempfile.gettempdir())) as folder:
         tell(f"Page: {address.local_url}   (end with Ctrl-C)")
@@ -54,23 +59,12 @@ def serve(
             tell(qr_code(address.network_url))
         if browser:
             webbrowser.open(address.local_url)
-        _run(sources, address, folder, device)
-
-
-def _run(sources: Sources, address: "Address", folder: Path, device: str) -> None:
-    """Answer requests on the address's socket, files in `folder`, until a signal ends it."""
-    from uvicorn.config import LOGGING_CONFIG
-
-    from lightprobe.view.app import create_app
-    from lightprobe.view.routes import Session
-
-    command = worker_command("lightprobe.view.worker", device)
-    session = Session.within(folder, sources, lambda number: WorkerProcess(command))
-    try:
-        app = create_app(session, address.hosts, address.token)
-        run_app(app, address.listening, grace=2, log_config=LOGGING_CONFIG)
-    finally:
-        session.tasks.pool.close()
+        session = Session.within(folder, sources, lambda number: WorkerProcess(command))
+        try:
+            app = create_app(session, address.hosts, address.token)
+            run_app(app, address.listening, grace=2, log_config=LOGGING_CONFIG)
+        finally:
+            session.tasks.pool.close()
 
 
 @dataclass(frozen=True)

@@ -46,19 +46,18 @@ class RunSource:
         cameras = read_record(self.run).cameras
         return [RunPhoto(name, split, camera) for split in SPLITS for name, camera in cameras[split].items()]
 
-    def image_file(self, photo: RunPhoto) -> Path:
-        """Return the file of a photo; raise `InputError` when it is gone or lies outside of the run's scene."""
-        return self._file(photo, "image")
+    def files(self, photo: RunPhoto) -> tuple[Path, Path | None]:
+        """Return the files of a photo and of its own mask, if it has one.
 
-    def mask_file(self, photo: RunPhoto) -> Path | None:
-        """Return the file of a photo's mask, None where it has none of its own; errors as `image_file`."""
-        has_one = "mask" in self.run.scene()["photos"][photo.split][photo.name]
-        return self._file(photo, "mask") if has_one else None
-
-    def _file(self, photo: RunPhoto, kind: str) -> Path:
+        Raises `InputError` when a file is gone or lies outside of the run's scene.
+        """
         record = self.run.scene()
-        name = record["photos"][photo.split][photo.name][kind]
-        return inside(Path(record["root"]), name, source=self.run.scene_file)
+        named = record["photos"][photo.split][photo.name]
+
+        def file(kind: str) -> Path:
+            return inside(Path(record["root"]), named[kind], source=self.run.scene_file)
+
+        return file("image"), file("mask") if "mask" in named else None
 
 
 @dataclass(frozen=True)

@@ -83,19 +83,12 @@ class Tasks:
         self.pool = Pool(new_process, limit=_WAITING, lazy=True)
 
     def submit(self, kind: TaskKind, title: str, request: dict[str, Any]) -> PageTask:
-        """Return a new task that waits for its turn; raise `TooManyRequestsError` when too many do."""
+        """Return a new task that waits for its turn; raise `RefusedError` (429) when too many do."""
         id = secrets.token_urlsafe(9)
         folder = self._folder / id
         asked = {**request, "task": kind.value, "folder": str(folder)}
-        task = PageTask(
-            request=asked,
-            seconds=DEADLINES[kind],
-            waiting_counts=False,
-            id=id,
-            kind=kind,
-            title=title,
-            folder=folder,
-        )
+        limit = {"seconds": DEADLINES[kind], "waiting_counts": False}
+        task = PageTask(request=asked, id=id, kind=kind, title=title, folder=folder, **limit)
         with self._lock:
             self.pool.check_room()
             folder.mkdir(parents=True)

@@ -9,12 +9,12 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.core.errors import InputError
 from lightprobe.imaging import image_size, is_video
 from lightprobe.insertion import load_thing
 from lightprobe.light.environment import read_map
 from lightprobe.web.errors import MIB
-from lightprobe.web.uploads import photo_suffix, quoted_name, receive_file, renamed
+from lightprobe.web.uploads import photo_suffix, quoted_name, receive_file, renaming
 
 _EXR = (20000630).to_bytes(4, "little")  # OpenEXR's magic number
 _KEPT = 24  # files of one kind; the oldest go first
@@ -60,7 +60,7 @@ class Uploads:
     async def receive(self, kind: UploadKind, request: Request) -> Upload:
         """Keep the body of a request as a file, after a look at its content.
 
-        Raises `TooLargeError` as soon as it is too large, `InputError` when it is not what it should be.
+        Raises `RefusedError` (413) as soon as it is too large, `InputError` when it is not what it should be.
         """
         name, id = quoted_name(request), secrets.token_urlsafe(9)
         path = self._folder / f"{kind.value}-{id}"
@@ -79,21 +79,20 @@ class Uploads:
 
 
 def _checked(kind: UploadKind, path: Path, name: str) -> Path:
-    """Return where a file is kept after a check of its kind; raise `InputError` naming it as the person does."""
+    """Return where a file is kept after a check of its kind; errors name it as the person does."""
     kept = path.rename(path.with_suffix(_suffix(kind, path, name)))
     try:
-        if kind is UploadKind.LIGHT:
-            read_map(kept)
-        elif kind is UploadKind.OBJECT:
-            load_thing(kept)
-        elif is_video(kept):
-            raise InputError(f"{name} is a video; choose a photo.")
-        else:
-            image_size(kept)
-    except BaseException as error:
+        with renaming({kept: name}):
+            if kind is UploadKind.LIGHT:
+                read_map(kept)
+            elif kind is UploadKind.OBJECT:
+                load_thing(kept)
+            elif is_video(kept):
+                raise InputError(f"{name} is a video; choose a photo.")
+            else:
+                image_size(kept)
+    except BaseException:
         kept.unlink(missing_ok=True)
-        if isinstance(error, LightprobeError):
-            raise InputError(renamed(str(error), {kept: name})) from error
         raise
     return kept
 

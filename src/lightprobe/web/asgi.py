@@ -1,7 +1,7 @@
 """Answers of every application here: short ones before the application, and every failure as one sentence."""
 
 import json
-from collections.abc import Awaitable, Callable, Iterable, MutableMapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping, MutableMapping
 from typing import Any
 
 from fastapi import FastAPI
@@ -25,6 +25,12 @@ Headers = Iterable[tuple[bytes, bytes]]
 def headers_of(scope: Scope) -> dict[str, str]:
     """Return the headers of a request by their names in lower case; of a repeated header the last."""
     return {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
+
+
+def announced_length(headers: Mapping[str, str]) -> int:
+    """Return how many bytes a request says that its body has, 0 where it says nothing that can be."""
+    length = headers.get("content-length", "")
+    return int(length[:20]) if length.isdecimal() else 0
 
 
 async def reply(send: Send, status: int, sentence: str, headers: Headers = ()) -> None:

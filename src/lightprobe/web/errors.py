@@ -1,6 +1,6 @@
 """Why a request is refused or fails, and the HTTP status of each reason."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError, LightprobeError, ResourceError
 from lightprobe.core.failures import UnexpectedError, reporting_errors
@@ -9,70 +9,18 @@ MIB = 2**20
 """Bytes."""
 
 
-class TooLargeError(LightprobeError):
-    """A file, or the body of a request, is larger than it may be."""
+class RefusedError(LightprobeError):
+    """A request is refused or given up, for a reason that has an HTTP status of its own."""
 
-    @staticmethod
-    def of(name: str, limit: int) -> "TooLargeError":
-        """Return the error of a file of more than `limit` bytes that is called `name`."""
-        most = (
-            f"{limit // MIB} MB"
-            if limit >= MIB
-            else f"{limit // 1024} kB"
-            if limit >= 1024
-            else f"{limit} bytes"
-        )
-        return TooLargeError(f"{name} is too large: at most {most} are taken; choose a smaller file.")
-
-
-class SlowClientError(LightprobeError):
-    """A request did not arrive in time."""
-
-
-class MediaTypeError(LightprobeError):
-    """A request has a body of a kind that is not taken."""
-
-
-class NotAcceptableError(LightprobeError):
-    """A request asks for an answer of a kind that is not made."""
-
-
-class UnknownObjectError(LightprobeError):
-    """There is no object of this name."""
-
-
-class TooManyRequestsError(ResourceError):
-    """Too many requests wait, or are being sent, already."""
-
-
-class DeadlineError(ResourceError):
-    """A request took longer than it may."""
+    def __init__(self, status: int, message: str):
+        """Keep the status: 404, 406, 408, 413, 415, 429, 500 or 504."""
+        super().__init__(message)
+        self.status = status
 
 
 class WorkerEndedError(ResourceError):
     """The process that computes ended in the middle of a request."""
 
-
-class WorkerLostError(LightprobeError):
-    """A request has ended two workers, or one by taking too much memory."""
-
-
-STATUS: Mapping[type[LightprobeError], int] = {
-    UnknownObjectError: 404,
-    NotAcceptableError: 406,
-    SlowClientError: 408,
-    TooLargeError: 413,
-    MediaTypeError: 415,
-    TooManyRequestsError: 429,
-    DeadlineError: 504,
-    UnexpectedError: 500,
-    WorkerLostError: 500,
-    ConvergenceError: 500,
-    ResourceError: 503,
-    InputError: 422,
-    ConfigError: 422,
-}
-"""HTTP status of errors: the first that an error is an instance of."""
 
 GONE = 499
 """nginx' status for a client that has closed its connection: the answer reaches nobody but the log."""
@@ -89,7 +37,19 @@ RETRY_SECONDS = {429: 2, 503: 5}
 
 def status_of(error: LightprobeError) -> int:
     """Return the HTTP status of an error."""
-    return next((code for kind, code in STATUS.items() if isinstance(error, kind)), 400)
+    if isinstance(error, RefusedError):
+        return error.status
+    if isinstance(error, InputError | ConfigError):
+        return 422
+    return 503 if isinstance(error, ResourceError) else 500
+
+
+def too_large(name: str, limit: int) -> RefusedError:
+    """Return the error of a file, or of a body, of more than `limit` bytes that is called `name`."""
+    most = (
+        f"{limit // MIB} MB" if limit >= MIB else f"{limit // 1024} kB" if limit >= 1024 else f"{limit} bytes"
+    )
+    return RefusedError(413, f"{name} is too large: at most {most} are taken; choose a smaller file.")
 
 
 def reported(error: Exception, keep: Callable[[str], None] | None = None) -> LightprobeError:

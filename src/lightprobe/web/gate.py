@@ -11,8 +11,18 @@ from dataclasses import dataclass
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs, urlsplit
 
-from lightprobe.web.asgi import App, Message, Receive, Scope, Send, adding_headers, headers_of, reply
-from lightprobe.web.errors import TooLargeError
+from lightprobe.web.asgi import (
+    App,
+    Message,
+    Receive,
+    Scope,
+    Send,
+    adding_headers,
+    announced_length,
+    headers_of,
+    reply,
+)
+from lightprobe.web.errors import too_large
 from lightprobe.web.listening import is_loopback
 
 PAGE_HEADER = "x-lightprobe"
@@ -50,13 +60,12 @@ class Gate:
         scope["headers"] = [pair for pair in scope["headers"] if pair[0].lower() != b"range"]
         own = {**dict(_HEADERS), **dict(self.headers)}
         headers, send = headers_of(scope), adding_headers(send, list(own.items()))
-        length = headers.get("content-length", "")
         if self.hosts is not None and (sentence := self._foreign(scope, headers)) is not None:
             await reply(send, 403, sentence)
         elif not (self.token is None or scope["path"] in self.open_paths or self._has_token(headers)):
             await self._ask_for_token(scope, send)
-        elif length.isdigit() and (len(length) > 18 or int(length) > self.largest):
-            await reply(send, 413, str(TooLargeError.of("The request", self.largest)))
+        elif announced_length(headers) > self.largest:
+            await reply(send, 413, str(too_large("The request", self.largest)))
         else:
             await self.app(scope, self._counting(receive), send)
 
@@ -82,7 +91,8 @@ class Gate:
             found.load(headers.get("cookie", ""))
         except CookieError:  # whatever a stranger's header holds, it is no token
             return False
-        return self.cookie in found and self._is_token(found[self.cookie].value)
+        kept = None if self.cookie is None else found.get(self.cookie)
+        return kept is not None and self._is_token(kept.value)
 
     async def _ask_for_token(self, scope: Scope, send: Send) -> None:
         """Refuse a request without the token, or let the address of a page bring it into the cookie."""
@@ -105,7 +115,7 @@ class Gate:
         return self.token is not None and hmac.compare_digest(*secrets)
 
     def _counting(self, receive: Receive) -> Receive:
-        """Return a `receive` that raises `TooLargeError` once a body is larger than it may be."""
+        """Return a `receive` that raises `RefusedError` (413) once a body is larger than it may be."""
         count = 0
 
         async def counted() -> Message:
@@ -113,7 +123,7 @@ class Gate:
             message = await receive()
             count += len(message.get("body", b""))
             if count > self.largest:
-                raise TooLargeError.of("The request", self.largest)
+                raise too_large("The request", self.largest)
             return message
 
         return counted

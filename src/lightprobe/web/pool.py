@@ -18,13 +18,7 @@ from typing import Any
 
 from lightprobe.core.errors import LightprobeError, ResourceError
 from lightprobe.core.memory import resident_bytes
-from lightprobe.web.errors import (
-    DeadlineError,
-    TooManyRequestsError,
-    WorkerEndedError,
-    WorkerLostError,
-    reported,
-)
+from lightprobe.web.errors import RefusedError, WorkerEndedError, reported
 from lightprobe.web.worker import START, WorkerProcess
 
 _TICK = 0.05  # seconds between two looks at deadlines
@@ -210,12 +204,12 @@ class Pool:
         return not self._closed and any(slot.state is not SlotState.STARTING for slot in self.slots)
 
     def check_room(self) -> None:
-        """Raise `TooManyRequestsError` when no more tasks may wait, `ResourceError` when all is being stopped."""
+        """Raise `RefusedError` (429) when no more tasks may wait, `ResourceError` when all is being stopped."""
         if self._closed:
             raise ResourceError(_STOPPING)
         if len(self._waiting) >= self.limit:
-            raise TooManyRequestsError(
-                f"{self.limit} requests wait already, and no more are taken; try again later."
+            raise RefusedError(
+                429, f"{self.limit} requests wait already, and no more are taken; try again later."
             )
 
     def submit(self, task: Task) -> None:
@@ -326,11 +320,13 @@ class Pool:
         if slot.end_reason is End.DEADLINE or task.late:
             return _too_late(task)
         if slot.end_reason is End.MEMORY:
-            return WorkerLostError("This photo needs more memory than a worker may take; send a smaller one.")
+            return RefusedError(
+                500, "This photo needs more memory than a worker may take; send a smaller one."
+            )
         if task.tries == 1:
             return error
-        return WorkerLostError(
-            "Two workers ended while they worked on this request, so it is not tried again."
+        return RefusedError(
+            500, "Two workers ended while they worked on this request, so it is not tried again."
         )
 
     def _next(self, slot: Slot) -> Task | None:
@@ -351,9 +347,7 @@ class Pool:
             return None
 
     def _choice(self, slot: Slot) -> Task | None:
-        """Return the task for an idle process and take it out of the queue, None where another slot has it
-        loaded.
-        """
+        """Take the task for an idle process out of the queue; return None where it is for another slot."""
         if not self._waiting:
             return None
         oldest = chosen = self._waiting[0]
@@ -385,8 +379,9 @@ class Pool:
                         slot.end(End.MEMORY)
 
 
-def _too_late(task: Task) -> DeadlineError:
+def _too_late(task: Task) -> RefusedError:
     work = "was still waiting" if task.begun is None else "was not finished"
-    return DeadlineError(
-        f"The request {work} after {task.seconds:.3g} s and was given up; send a smaller photo, or try again later."
+    return RefusedError(
+        504,
+        f"The request {work} after {task.seconds:.3g} s and was given up; send a smaller photo, or try again later.",
     )

@@ -2,9 +2,10 @@
 shown.
 """
 
+import contextlib
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from urllib.parse import unquote
@@ -14,10 +15,11 @@ from starlette.datastructures import FormData
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 
-from lightprobe.core.errors import InputError, shown
+from lightprobe.core.errors import ConfigError, InputError, ResourceError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.imaging import IMAGE_SUFFIXES
-from lightprobe.web.errors import MIB, MediaTypeError, TooLargeError
+from lightprobe.web.asgi import announced_length
+from lightprobe.web.errors import MIB, RefusedError, too_large
 
 _SHOWN_NAME = 80  # characters
 _FIELDS = 64  # of a form
@@ -63,18 +65,25 @@ def renamed(sentence: str, names: Mapping[Path, str]) -> str:
     return sentence
 
 
+@contextlib.contextmanager
+def renaming(names: Mapping[Path, str]) -> Iterator[None]:
+    """Let errors about files inside call them as the person knows them."""
+    try:
+        yield
+    except (InputError, ConfigError, ResourceError) as error:
+        raise type(error)(renamed(str(error), names)) from error
+
+
 async def receive_file(request: Request, path: Path, limit: int, name: str) -> None:
-    """Write a request's body to a new file; raise `TooLargeError` before more than `limit` bytes are written."""
-    length = request.headers.get("content-length", "")
-    written = int(length) if length.isdigit() and len(length) < 19 else 0
-    if written > limit:
-        raise TooLargeError.of(name, limit)
+    """Write a request's body to a new file; raise `RefusedError` (413) before more than `limit` bytes are written."""
+    if announced_length(request.headers) > limit:
+        raise too_large(name, limit)
     written = 0
     with disk_errors(path), open(path, "xb") as file:
         async for chunk in request.stream():
             written += len(chunk)
             if written > limit:
-                raise TooLargeError.of(name, limit)
+                raise too_large(name, limit)
             file.write(chunk)
     if written == 0:
         raise InputError(f"{name} is empty; choose another file.")
@@ -89,11 +98,11 @@ async def receive_form(request: Request, folder: Path, limits: Mapping[str, int]
     """Return the form that a request's body holds, its files written into `folder`.
 
     limits: the most bytes of each field; others are refused. A field with a file name is a file.
-    Raises `MediaTypeError` for another kind of body, `TooLargeError` for a field that is too large, `InputError`
+    Raises `RefusedError` for another kind of body (415) and a field that is too large (413), `InputError`
     for a body that is damaged. How large a body may be is limited by the gate.
     """
     if not request.headers.get("content-type", "").lower().startswith("multipart/form-data"):
-        raise MediaTypeError("The body must be a form with files: multipart/form-data with a boundary.")
+        raise RefusedError(415, "The body must be a form with files: multipart/form-data with a boundary.")
     try:
         with disk_errors(folder):
             async with request.form(max_files=len(limits), max_fields=_FIELDS, max_part_size=MIB) as given:
@@ -111,7 +120,7 @@ def _stored(given: FormData, folder: Path, limits: Mapping[str, int]) -> Form:
             raise InputError(f"There is no field '{shown(field_name)}'; there are {', '.join(limits)}.")
         size = len(value.encode()) if isinstance(value, str) else value.size or 0
         if size > limits[field_name]:
-            raise TooLargeError.of(f"The field '{field_name}'", limits[field_name])
+            raise too_large(f"The field '{field_name}'", limits[field_name])
         if isinstance(value, str):
             before = form.texts.get(field_name)
             form.texts[field_name] = value if before is None else before + _REPEATED + value
