@@ -31,8 +31,20 @@ def test_predict_writes_map_picture_and_confidence(trained, tmp_path, capsys):
     succeed("predict", run.path, image)  # a photo of the run's own scene
     assert run.prediction_file("test_00", ".exr").read_bytes() == out.read_bytes()
     assert "warning" not in capsys.readouterr().err
-    succeed("predict", run.path, image, "--save-camera", tmp_path / "camera.json")
-    assert "write no file" in capsys.readouterr().err
+    succeed("predict", run.path, image, "--save-camera", tmp_path / "camera.json", "--json")
+    printed = capsys.readouterr()
+    assert "write no file" in printed.err
+    (told,) = json.loads(printed.out)["predictions"]
+    assert told.keys() >= {
+        "source",
+        "environment",
+        "method",
+        "seconds",
+        "verdict",
+        "pose",
+        "background",
+        "files",
+    }
     assert not (tmp_path / "camera.json").exists()
     assert read_ldr(run.prediction_file("test_00", ".png"))[0].shape == light.shape
     assert run.prediction_file("test_00", ".confidence.exr").read_bytes() == (tmp_path / "c.exr").read_bytes()
