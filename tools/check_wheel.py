@@ -25,6 +25,7 @@ PYTHONS = ("python3.11", "python3.12", "python3.13")
 WITH_EXTRAS = (  # packages and modules that cannot be imported without an extra
     "lightprobe.view",
     "lightprobe.service",
+    "lightprobe.web",
     "lightprobe.fleet",
     "lightprobe.render.gltf_bsdf",
 )

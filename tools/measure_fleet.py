@@ -4,7 +4,7 @@
     python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
     python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
 
-load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the index; with
+load: predictions that do nothing, so that what is left is reading the table, handing out tasks and writing the index; with
 --ray the tasks go through Ray, without it they are called here.
 photos: the test photos of a run whose scene is still in place, again and again: --photos of them by a fleet of
 --workers tasks at a time, --alone of them by one process before and after it; with --sources suns and lamps are looked
@@ -37,13 +37,12 @@ from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.fleet.executor import Executor, Needs, Outcome, Result, Task
 from lightprobe.fleet.index import PhotoRow, State
-from lightprobe.fleet.jobs import Job
-from lightprobe.fleet.predicting import PhotoOptions, predict_fleet
-from lightprobe.fleet.prediction_task import Chunk, map_place, predict_chunk
+from lightprobe.fleet.predicting import Chunk, map_place, predict_chunk, predict_fleet
 from lightprobe.fleet.ray_cluster import cluster
 from lightprobe.fleet.storage import Place
-from lightprobe.fleet.training import train_fleet
-from lightprobe.fleet.training_task import SceneOptions, SceneTask, train_scene
+from lightprobe.fleet.table import TableRow
+from lightprobe.fleet.training import SceneOptions, SceneTask, train_fleet, train_scene
+from lightprobe.jobs import LightOptions
 from lightprobe.scene.record import read_record
 
 CHUNK = 100  # photos of a task that does nothing
@@ -111,39 +110,39 @@ def nothing(chunk: Chunk) -> list[PhotoRow]:
     """Return rows as of predictions, with scores that differ from row to row, as those that are measured do."""
     return [
         PhotoRow(
-            job.row,
-            job.run,
-            job.photo,
+            row.row,
+            row.run,
+            row.photo,
             State.DONE.value,
-            map="/".join(map_place(job.row)) + ".exr",
+            map="/".join(map_place(row.row)) + ".exr",
             method=Method.PROBE_NET.value,
             verdict="good",
-            explained=math.sin(job.row),
-            overlap=math.sin(2 * job.row),
-            confidence=math.sin(3 * job.row),
-            seconds=math.sin(4 * job.row),
+            explained=math.sin(row.row),
+            overlap=math.sin(2 * row.row),
+            confidence=math.sin(3 * row.row),
+            seconds=math.sin(4 * row.row),
         )
-        for job in chunk.jobs
+        for row in chunk.rows
     ]
 
 
 def measure_load(rows: int, on_ray: bool) -> int:
-    """Write jobs, go through all of them without work, and print rows per second, bytes per row and memory."""
+    """Write a table, go through all of them without work, and print rows per second, bytes per row and memory."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
         root = Path(folder)
         columns = {
             "run": [f"s3://bucket/runs/object-{row // 1000:05d}" for row in range(rows)],
             "photo": [f"s3://bucket/photos/object-{row // 1000:05d}/{row:09d}.jpg" for row in range(rows)],
         }
-        pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
+        pyarrow.parquet.write_table(pyarrow.table(columns), root / "photos.parquet")
         executor: Executor = NothingOnRay(stack.enter_context(cluster())) if on_ray else Nothing()
         begin, used = time.perf_counter(), time.process_time()
         found = predict_fleet(
-            root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1)
+            root / "photos.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1)
         )
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         again = time.perf_counter()
-        predict_fleet(root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
+        predict_fleet(root / "photos.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
         resumed = time.perf_counter() - again
         size = sum(path.stat().st_size for path in (root / "out" / "index").iterdir())
     print(
@@ -158,7 +157,7 @@ def measure_load(rows: int, on_ray: bool) -> int:
     return 0 if found.done == rows else 1
 
 
-def measure_photos(run: Path, photos: int, alone: int, workers: int, options: PhotoOptions) -> int:
+def measure_photos(run: Path, photos: int, alone: int, workers: int, options: LightOptions) -> int:
     """Predict by one process and by a fleet, and print photos per second of both."""
     record = read_record(RunFolder.open(run))
     test = [str(path) for path in sorted((record.root / "test").glob("r_???.png"))]
@@ -167,15 +166,16 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Ph
         files = [test[row % len(test)] for row in range(photos)]
         columns = {"run": [str(run.resolve())] * photos, "photo": files, "camera": [camera] * photos}
         columns["photo"][photos // 2] = "gone.png"
-        pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
-        jobs = [
-            Job(row, columns["run"][row], columns["photo"][row], camera) for row in range(min(alone, photos))
+        pyarrow.parquet.write_table(pyarrow.table(columns), root / "photos.parquet")
+        rows = [
+            TableRow(row, columns["run"][row], columns["photo"][row], camera)
+            for row in range(min(alone, photos))
         ]
-        before = _alone(jobs, root, options)
+        before = _alone(rows, root, options)
         with cluster() as executor:
             _fleet(root, "warm", executor, options, workers, 2)  # compiles, and reads libraries
             fleet = _fleet(root, "out", executor, options, workers, photos)
-        after = _alone(jobs, root, options)
+        after = _alone(rows, root, options)
         single = (before + after) / 2
         table = pyarrow.parquet.read_table(root / "out" / "index").to_pydict()
     missing = sorted(set(range(photos)) - set(table["row"]))
@@ -192,10 +192,10 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Ph
 
 
 def _fleet(
-    root: Path, name: str, executor: Executor, options: PhotoOptions, workers: int, photos: int
+    root: Path, name: str, executor: Executor, options: LightOptions, workers: int, photos: int
 ) -> float:
-    """Return photos per second of a fleet, of the first `photos` jobs."""
-    table = pyarrow.parquet.read_table(root / "jobs.parquet").slice(0, photos)
+    """Return photos per second of a fleet, of the first `photos` rows."""
+    table = pyarrow.parquet.read_table(root / "photos.parquet").slice(0, photos)
     pyarrow.parquet.write_table(table, root / f"{name}.parquet")
     begin = time.perf_counter()
     cores = _cores(executor) / workers  # as many tasks at once as wanted
@@ -211,13 +211,13 @@ def _cores(executor: Executor) -> float:
     return float(ray.cluster_resources()["CPU"])
 
 
-def _alone(jobs: Sequence[Job], root: Path, options: PhotoOptions) -> float:
+def _alone(rows: Sequence[TableRow], root: Path, options: LightOptions) -> float:
     """Return photos per second of this process, on one thread, after a first photo."""
     place = Place.of(root)
-    predict_chunk(Chunk(tuple(jobs[:1]), place, place.child("alone"), options))
+    predict_chunk(Chunk(tuple(rows[:1]), place, place.child("alone"), options))
     begin = time.perf_counter()
-    predict_chunk(Chunk(tuple(jobs), place, place.child("alone"), options))
-    return len(jobs) / (time.perf_counter() - begin)
+    predict_chunk(Chunk(tuple(rows), place, place.child("alone"), options))
+    return len(rows) / (time.perf_counter() - begin)
 
 
 def measure_nodes(scene: Path, nodes: int, scenes: int) -> int:
@@ -303,7 +303,7 @@ def main(words: Sequence[str] | None = None) -> int:
         if given.kind == "load":
             return measure_load(given.rows, given.ray)
         if given.kind == "photos":
-            options = PhotoOptions(given.method, sources=given.sources)
+            options = LightOptions(given.method, sources=given.sources)
             return measure_photos(given.run, given.photos, given.alone, given.workers, options)
         return measure_nodes(given.scene, given.nodes, given.scenes)
     except LightprobeError as error:

@@ -108,7 +108,7 @@ def _asked(shot: Shot) -> str:
         "mask": str(shot.mask),
         "method": None,
         "outputs": ["exr"],
-        "height": None,
+        "size": None,
         "background": True,
         "sources": True,
         "sun": "inside",

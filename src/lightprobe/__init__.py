@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from lightprobe.localization import Locator, locate
     from lightprobe.prediction import Predictor
     from lightprobe.reconstruction import decompose
-    from lightprobe.runs import prepare_scene as prepare
-    from lightprobe.runs import train_run as train
+    from lightprobe.runs.preparing import prepare_scene as prepare
+    from lightprobe.runs.training import train_run as train
     from lightprobe.scene import load_photo, load_scene
 
 __all__ = [
@@ -51,9 +51,9 @@ _HOME = {
     "load_photo": "scene",
     "load_scene": "scene",
     "locate": "localization",
-    "prepare": "runs:prepare_scene",
+    "prepare": "runs.preparing:prepare_scene",
     "relight": "evaluation",
-    "train": "runs:train_run",
+    "train": "runs.training:train_run",
 }
 
 

@@ -11,6 +11,7 @@ from lightprobe.localization.verdict import PoseVerdict
 from lightprobe.runs.insertion import InsertedObject, doubt_about_up
 from lightprobe.runs.locations import LocatedPhoto, LocationFiles
 from lightprobe.scene import load_scene
+from lightprobe.jobs.insertion import doubt_about_up
 from tests.cli.commands import fails, succeed
 from tests.insertion.glbs import box, write
 
@@ -38,23 +39,6 @@ def test_a_thing_is_put_into_a_photo_of_the_run(trained, thing, tmp_path, capsys
             f"{stem}.shadow.exr",
             f"{stem}.mask.exr",
         }
-
-
-@pytest.mark.slow
-def test_programs_get_the_camera_that_was_found_and_no_pixels(trained, thing, tmp_path, capsys, monkeypatch):
-    scene, run = trained
-    photo, given = scene / "test" / "test_00.png", load_scene(scene).test[0]
-    color, alpha = read_ldr(photo)
-    verdict = PoseVerdict(score=3.0, explained=0.9, edges=0.9, inside=1.0, inliers=9, rivals=0, pose_uncertainty=0.01)
-    located = Located(given.camera, alpha, verdict, color, color > 2, 0.1)
-    inserted = InsertedObject(
-        photo, photo, photo, photo, (1.0, 2.0), 0.5, 0.1, (), LocatedPhoto(photo, LocationFiles(), located)
-    )
-    monkeypatch.setattr("lightprobe.cli.inserting.insert_object", lambda *_, **__: inserted)
-    succeed("insert", run.path, photo, "--object", thing, "-o", tmp_path / "out.png", "--json")
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["location"] == {**given.camera.to_json(), "verdict": verdict.to_json()}
-    assert answer["at"] == [1.0, 2.0]
 
 
 @pytest.mark.slow

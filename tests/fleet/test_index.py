@@ -27,19 +27,14 @@ def test_parts_are_one_table_and_are_gone_on_with(tmp_path):
     again.flush()
     table = pq.read_table(tmp_path / "index").to_pydict()
     assert sorted(table["row"]) == [0, 1, 3]
-    assert sorted(path.name for path in (tmp_path / "index").iterdir()) == [
-        "part-000000.parquet",
-        "part-000001.parquet",
-    ]
+    parts = sorted(path.name for path in (tmp_path / "index").iterdir())
+    assert parts == ["part-000000.parquet", "part-000001.parquet"]
 
 
 def test_parts_are_written_when_time_has_passed(tmp_path):
-    now = [0.0]
-    index = PhotoIndex(Place.of(tmp_path), 5, lambda: now[0])
-    index.add([row(0)])
+    PhotoIndex(Place.of(tmp_path), 5).add([row(0)])
     assert not (tmp_path / "index").exists()
-    now[0] = 31
-    index.add([row(1)])
+    PhotoIndex(Place.of(tmp_path), 5, every=0.0).add([row(0), row(1)])
     assert len(pq.read_table(tmp_path / "index")) == 2
 
 
@@ -67,7 +62,7 @@ def test_failures_are_forgotten_and_the_rest_is_kept(tmp_path):
     assert sorted(pq.read_table(tmp_path / "index")["row"].to_pylist()) == [0, 1, 2]
 
 
-def test_damaged_parts_and_those_of_other_jobs_are_told(tmp_path):
+def test_damaged_parts_and_those_of_another_table_are_told(tmp_path):
     index = PhotoIndex(Place.of(tmp_path), 5)
     index.add([row(4)])
     index.flush()

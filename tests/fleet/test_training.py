@@ -1,7 +1,6 @@
 """Fleets of trainings: a row for each scene, what is finished left alone, what failed tried again."""
 
 import dataclasses
-import json
 from collections.abc import Callable
 
 import pyarrow.parquet as pq
@@ -10,12 +9,11 @@ import torch
 
 from lightprobe.core.errors import ConfigError, InputError, LockedError
 from lightprobe.core.run import RunFolder
-from lightprobe.fleet import training_task
+from lightprobe.fleet import training as fleet
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.index import SceneRow
 from lightprobe.fleet.storage import Place
-from lightprobe.fleet.training import train_fleet
-from lightprobe.fleet.training_task import SceneTask, train_scene
+from lightprobe.fleet.training import SceneTask, train_fleet, train_scene
 from tests.fleet.micro import OPTIONS
 from tests.fleet.stub import Stub
 
@@ -40,49 +38,30 @@ def test_every_folder_is_a_scene_and_has_a_row(scenes, tmp_path):
     assert "died in 4 tries" in found.failures["vase"]
     assert [str(task.run) for task in executor.tasks] == [f"{tmp_path}/runs/{name}" for name in found.rows]
     assert {task.threads for task in executor.tasks} == {2}
-    assert pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist() == [
-        "done",
-        "done",
-        "failed",
-    ]
+    states = pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist()
+    assert states == ["done", "done", "failed"]
 
 
 def test_finished_scenes_are_left_alone_and_failed_ones_tried_again(scenes, tmp_path):
-    train_fleet(
-        scenes, tmp_path / "runs", Stub(finished, lose=lambda task: task.scene.name == "vase"), OPTIONS
-    )
-    second, said = Stub(finished), []
-    found = train_fleet(
-        scenes, tmp_path / "runs", second, OPTIONS, on_progress=lambda *words: said.append(words[:3])
-    )
+    first, second, said = Stub(finished, lose=lambda task: task.scene.name == "vase"), Stub(finished), []
+    train_fleet(scenes, tmp_path / "runs", first, OPTIONS)
+    heard = lambda *words: said.append(words[:3])  # noqa: E731
+    found = train_fleet(scenes, tmp_path / "runs", second, OPTIONS, on_progress=heard)
     assert [task.scene.name for task in second.tasks] == ["vase"]
     assert said == [("scenes", 2, 3), ("scenes", 3, 3)]
     assert found.failures == {}
 
 
-def test_runs_of_other_options_and_a_folder_without_scenes_are_told(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    with pytest.raises(ConfigError, match="seed = 0, not 1"):
-        train_fleet(scenes, tmp_path / "runs", Stub(finished), dataclasses.replace(OPTIONS, seed=1))
-    with pytest.raises(InputError, match="holds no scenes"):
-        train_fleet(scenes / "cup", tmp_path / "others", Stub(finished), OPTIONS)
-
-
-def test_a_fleet_of_before_scenes_were_recorded_goes_on(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    record = tmp_path / "runs" / "fleet.json"
-    record.write_text(json.dumps({"options": json.loads(record.read_text())["options"]}))
-    second = Stub(finished)
-    train_fleet(scenes, tmp_path / "runs", second, OPTIONS)
-    assert second.tasks == []
-
-
-def test_scenes_of_another_collection_are_not_taken_for_finished(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    others = tmp_path / "others"
+def test_runs_of_other_options_or_scenes_and_a_folder_without_scenes_are_told(scenes, tmp_path):
+    runs, others = tmp_path / "runs", tmp_path / "others"
     (others / "cup").mkdir(parents=True)
+    train_fleet(scenes, runs, Stub(finished), OPTIONS)
+    with pytest.raises(ConfigError, match="seed = 0, not 1"):
+        train_fleet(scenes, runs, Stub(finished), dataclasses.replace(OPTIONS, seed=1))
     with pytest.raises(ConfigError, match=r"""scenes = .*/scenes", not .*/others"; choose another folder"""):
-        train_fleet(others, tmp_path / "runs", Stub(finished), OPTIONS)
+        train_fleet(others, runs, Stub(finished), OPTIONS)
+    with pytest.raises(InputError, match="holds no scenes"):
+        train_fleet(scenes / "cup", tmp_path / "more", Stub(finished), OPTIONS)
 
 
 def test_a_scene_that_cannot_be_trained_on_says_why(scenes, tmp_path):
@@ -104,12 +83,12 @@ def held_until(tries: int) -> Callable[..., None]:
 
 
 def test_a_run_that_a_dead_machine_still_holds_is_waited_for(monkeypatch, tmp_path):
-    monkeypatch.setattr(training_task, "_PAUSE", 0.001)
-    monkeypatch.setattr(training_task, "_told", lambda run, row: dataclasses.replace(row, state="done"))
+    monkeypatch.setattr(fleet, "_PAUSE", 0.001)
+    monkeypatch.setattr(fleet, "_told", lambda run, row: dataclasses.replace(row, state="done"))
     task = SceneTask(Place.of(tmp_path / "cup"), Place.of(tmp_path / "runs" / "cup"), OPTIONS, patience=5)
-    monkeypatch.setattr(training_task, "train_run", held_until(3))
+    monkeypatch.setattr(fleet, "train_run", held_until(3))
     assert train_scene(task).state == "done"
-    monkeypatch.setattr(training_task, "train_run", held_until(10**9))
+    monkeypatch.setattr(fleet, "train_run", held_until(10**9))
     row = train_scene(dataclasses.replace(task, patience=0.01))
     assert "being written by another" in row.reason
 
@@ -138,11 +117,10 @@ def test_a_run_in_an_object_store_goes_on_from_what_arrived_there(monkeypatch):
     """Scene and run by URL; the machine dies in the middle, another one goes on."""
     store = Place.of("memory://training")
     store.child("scene", "photo.png").write(b"photo")
-    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS)
-    monkeypatch.setattr("lightprobe.fleet.mirror._SECONDS", 0.0)
-    monkeypatch.setattr(training_task, "train_run", counting(dies_at=6))
+    task = SceneTask(store.child("scene"), store.child("runs", "ball"), OPTIONS, send_every=0.0)
+    monkeypatch.setattr(fleet, "train_run", counting(dies_at=6))
     assert "memory" in train_scene(task).reason
-    monkeypatch.setattr(training_task, "train_run", counting(dies_at=None))
+    monkeypatch.setattr(fleet, "train_run", counting(dies_at=None))
     row = train_scene(task)
     assert (row.state, row.photos) == ("done", 1)
     said = store.child("runs", "ball", "log.txt").read().decode()

@@ -1,7 +1,6 @@
 """A connection to an application in this process: the HTTP server's own reading of bytes, without a network."""
 
 import asyncio
-import logging
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -9,7 +8,7 @@ import h11
 import uvicorn
 from uvicorn.server import ServerState
 
-from lightprobe.service.asgi import App, Message, Receive, Scope, Send
+from lightprobe.web.asgi import App, Message, Receive, Scope, Send
 
 _PIECE = 1000  # bytes that arrive together
 
@@ -33,10 +32,7 @@ class Watched:
 
     def __init__(self, app: App):
         """Watch `app`."""
-        self._app = app
-        self.answers: list[Answer] = []
-        self.receiving = 0
-        self.changed = asyncio.Event()
+        self._app, self.answers, self.receiving, self.changed = app, [], 0, asyncio.Event()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
@@ -56,11 +52,7 @@ class Watched:
         async def noted_send(message: Message) -> None:
             if message["type"] == "http.response.start":
                 answer.status = message["status"]
-                pairs = (
-                    (name.decode("latin-1").lower(), value.decode("latin-1"))
-                    for name, value in message["headers"]
-                )
-                answer.headers = dict(pairs)
+                answer.headers = {k.decode("latin-1"): v.decode("latin-1") for k, v in message["headers"]}
             else:
                 answer.body += message.get("body", b"")
                 answer.ended = not message.get("more_body", False)
@@ -96,48 +88,37 @@ class _Transport(asyncio.Transport):
     def pause_reading(self) -> None:
         """Everything is read already."""
 
-    def resume_reading(self) -> None:
-        """Everything is read already."""
+    resume_reading = pause_reading
 
 
-async def exchange(settings: uvicorn.Config, watched: Watched, data: bytes) -> tuple[list[Answer], bytes]:
-    """Send `data` over a new connection, close it once nothing more can come of it; return the answers and
-    all bytes.
+async def exchange(settings: uvicorn.Config, data: bytes) -> tuple[list[Answer], bytes]:
+    """Send `data` over a new connection and close it once nothing more can come of it.
 
-    settings: of a server whose application is `watched`.
+    settings: of a server whose application is a `Watched`. Returns the answers, and all bytes that came back.
     """
     if not settings.loaded:
         settings.load()
-    watched.answers, state = [], ServerState()
+    watched: Any = settings.app
+    watched.answers, watched.changed, state = [], asyncio.Event(), ServerState()
     transport = _Transport(watched.changed)
-    protocol = settings.http_protocol_class(config=settings, server_state=state, app_state={})  # type: ignore[operator]
+    protocol: Any = settings.http_protocol_class(config=settings, server_state=state, app_state={})  # type: ignore[operator]
     protocol.connection_made(transport)
     for start in range(0, len(data), _PIECE):
         if transport.closed:
             break
         protocol.data_received(data[start : start + _PIECE])
         await asyncio.sleep(0)
-    while not _over(protocol, transport, watched):
+
+    def over() -> bool:
+        """Return whether the connection is closed, or waits for bytes that do not come."""
+        if transport.closed or protocol.cycle is None or protocol.cycle.response_complete:
+            return True
+        return watched.receiving > 0 and protocol.conn.their_state is h11.SEND_BODY
+
+    while not over():
         watched.changed.clear()
         await watched.changed.wait()
     protocol.connection_lost(None)
     while state.tasks:
         await asyncio.wait(state.tasks)
     return watched.answers, bytes(transport.written)
-
-
-def _over(protocol: Any, transport: _Transport, watched: Watched) -> bool:
-    """Return whether a connection is closed, or waits for bytes that do not come."""
-    if transport.closed:
-        return True
-    if protocol.cycle is not None and not protocol.cycle.response_complete:
-        return watched.receiving > 0 and protocol.conn.their_state is h11.SEND_BODY
-    return True
-
-
-def quiet(*names: str, handler: logging.Handler) -> None:
-    """Let what these loggers are told go to `handler` alone."""
-    for name in names:
-        logger = logging.getLogger(name)
-        logger.handlers, logger.propagate = [handler], False
-        logger.setLevel(logging.DEBUG if name.startswith("lightprobe") else logging.WARNING)

@@ -1,7 +1,5 @@
 """Tiny valid pictures of every kind that is read, as small as shows every part of their formats."""
 
-import io
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -29,11 +27,8 @@ def _exif() -> bytes:
     return exif.tobytes()
 
 
-def _saved(picture: np.ndarray | Image.Image, kind: str, **options: object) -> bytes:
-    buffer = io.BytesIO()
-    image = picture if isinstance(picture, Image.Image) else Image.fromarray(picture)
-    image.save(buffer, format=kind, **options)
-    return buffer.getvalue()
+def _save(path: Path, picture: np.ndarray | Image.Image, **options: object) -> None:
+    (picture if isinstance(picture, Image.Image) else Image.fromarray(picture)).save(path, **options)
 
 
 def write_png(folder: Path) -> None:
@@ -43,55 +38,43 @@ def write_png(folder: Path) -> None:
     info.add_text("words", "a" * 40, zip=True)
     palette = Image.fromarray(_COLOR).quantize(16)
     palette.info["transparency"] = 3
-    pictures = {
-        "8.png": _saved(_COLOR, "PNG", icc_profile=_PROFILE, exif=_exif()),
-        "alpha.png": _saved(_ALPHA, "PNG", pnginfo=info),
-        "palette.png": _saved(palette, "PNG", transparency=3),
-        "grey.png": _saved(_COLOR[..., 0], "PNG", icc_profile=grey_icc("grey", 2.2)),
-        "bits.png": _saved(Image.fromarray(_COLOR[..., 0]).convert("1"), "PNG"),
-        "16.png": png16.encode(_DEEP),
-        "16grey.png": png16.encode(_DEEP[..., :1]),
-    }
-    _write(folder, pictures)
+    _save(folder / "8.png", _COLOR, icc_profile=_PROFILE, exif=_exif())
+    _save(folder / "alpha.png", _ALPHA, pnginfo=info)
+    _save(folder / "palette.png", palette, transparency=3)
+    _save(folder / "grey.png", _COLOR[..., 0], icc_profile=grey_icc("grey", 2.2))
+    _save(folder / "bits.png", Image.fromarray(_COLOR[..., 0]).convert("1"))
+    (folder / "16.png").write_bytes(png16.encode(_DEEP))
+    (folder / "16grey.png").write_bytes(png16.encode(_DEEP[..., :1]))
 
 
 def write_jpeg(folder: Path) -> None:
     """Write JPEG: plain, progressive, grey and in inks, with profile and EXIF."""
-    cmyk = Image.fromarray(_COLOR).convert("CMYK")
-    pictures = {
-        "plain.jpg": _saved(_COLOR, "JPEG", icc_profile=_PROFILE, exif=_exif()),
-        "progressive.jpg": _saved(_COLOR, "JPEG", progressive=True, subsampling=0),
-        "grey.jpg": _saved(_COLOR[..., 0], "JPEG"),
-        "cmyk.jpg": _saved(cmyk, "JPEG"),
-    }
-    _write(folder, pictures)
+    _save(folder / "plain.jpg", _COLOR, icc_profile=_PROFILE, exif=_exif())
+    _save(folder / "progressive.jpg", _COLOR, progressive=True, subsampling=0)
+    _save(folder / "grey.jpg", _COLOR[..., 0])
+    _save(folder / "cmyk.jpg", Image.fromarray(_COLOR).convert("CMYK"))
 
 
 def write_webp(folder: Path) -> None:
     """Write WebP: lossy, lossless, with alpha, profile and EXIF."""
-    pictures = {
-        "lossy.webp": _saved(_COLOR, "WEBP"),
-        "lossless.webp": _saved(_COLOR, "WEBP", lossless=True),
-        "extended.webp": _saved(_ALPHA, "WEBP", icc_profile=_PROFILE, exif=_exif()),
-    }
-    _write(folder, pictures)
+    _save(folder / "lossy.webp", _COLOR)
+    _save(folder / "lossless.webp", _COLOR, lossless=True)
+    _save(folder / "extended.webp", _ALPHA, icc_profile=_PROFILE, exif=_exif())
 
 
 def write_tiff(folder: Path) -> None:
     """Write TIFF of 8 and 16 bits and of floats, in strips and tiles, compressed in several ways."""
-    folder.mkdir(parents=True)
     tifffile.imwrite(folder / "8.tif", _COLOR, photometric="rgb", iccprofile=_PROFILE)
     tifffile.imwrite(folder / "16.tif", _DEEP[..., :3], photometric="rgb", compression="zlib", predictor=True)
     tifffile.imwrite(folder / "alpha.tif", _DEEP, photometric="rgb", extrasamples=["assocalpha"])
     tifffile.imwrite(folder / "float.tif", _LIGHT, photometric="rgb", tile=(16, 16))
     tifffile.imwrite(folder / "grey.tif", _COLOR[..., 0], bigtiff=True, rowsperstrip=4)
     for name, compression in (("lzw", "tiff_lzw"), ("deflate", "tiff_adobe_deflate"), ("jpeg", "jpeg")):
-        Image.fromarray(_COLOR).save(folder / f"{name}.tif", compression=compression)
+        _save(folder / f"{name}.tif", _COLOR, compression=compression)
 
 
 def write_heic(folder: Path) -> None:
     """Write HEIC of 8 and 10 bits, with alpha, and AVIF."""
-    folder.mkdir(parents=True)
     side = 64  # the codec's least
     color = np.kron(_ALPHA[:8, :8], np.ones((side // 8, side // 8, 1), np.uint8))
     exif = {"exif": _exif(), "icc_profile": _PROFILE}
@@ -106,8 +89,7 @@ def write_heic(folder: Path) -> None:
 
 def write_exrs(folder: Path) -> None:
     """Write OpenEXR in scan lines and tiles, of halves and floats, in several compressions."""
-    folder.mkdir(parents=True)
-    light = np.repeat(_LIGHT[:8], 1, 1)
+    light = _LIGHT[:8]
     write_exr(folder / "zip.exr", light)
     write_exr(folder / "alpha.exr", np.dstack([light, light[..., :1]]), half=True)
     planes = {name: np.ascontiguousarray(light[..., k]) for k, name in enumerate("RGB")}
@@ -122,7 +104,6 @@ def write_exrs(folder: Path) -> None:
 
 def write_radiances(folder: Path) -> None:
     """Write Radiance maps with runs, and too narrow for them."""
-    folder.mkdir(parents=True)
     runs = np.repeat(_LIGHT[:8, :4], 4, 1)
     write_radiance(folder / "runs.hdr", runs)
     write_radiance(folder / "narrow.hdr", _LIGHT[:3, :6])
@@ -130,23 +111,4 @@ def write_radiances(folder: Path) -> None:
 
 def write_raw(folder: Path) -> None:
     """Write a camera raw file."""
-    folder.mkdir(parents=True)
     write_dng(folder / "camera.dng", _RNG.random((24, 32, 3)), orientation=6, focal_35=28)
-
-
-def _write(folder: Path, pictures: dict[str, bytes]) -> None:
-    folder.mkdir(parents=True)
-    for name, data in pictures.items():
-        (folder / name).write_bytes(data)
-
-
-WRITERS: dict[str, Callable[[Path], None]] = {
-    "PNG": write_png,
-    "JPEG": write_jpeg,
-    "WebP": write_webp,
-    "TIFF": write_tiff,
-    "HEIC, AVIF": write_heic,
-    "OpenEXR": write_exrs,
-    "Radiance": write_radiances,
-    "camera raw": write_raw,
-}

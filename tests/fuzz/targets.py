@@ -42,8 +42,7 @@ from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
-from lightprobe.view.sources import evaluation_of
-from lightprobe.view.watching import newest_record, read_records, stage_lengths
+from lightprobe.view.watching import evaluation_of, newest_record, read_records, stage_lengths
 from tests.fuzz import pictures, requests, servers
 from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form, with_checksums
 from tests.imaging.videos import pan, write_video
@@ -62,22 +61,20 @@ class Target:
     """A reader, and the files it is attacked through."""
 
     name: str
-    make: Callable[
-        [Path], object
-    ]  # writes the folder of valid files; the same one is made once for several targets
-    files: tuple[str, ...]  # of that folder, those that are spoilt
+    make: Callable[[Path], object]  # writes the folder of valid files, made once for several targets
+    pattern: str  # of that folder's files, those that are spoilt; several with blanks between
     read: Read
     form: Form | None = None  # what the files say, where that is spoilt as well as their bytes
-    mend: Callable[[bytes], bytes] | None = (
-        None  # makes checksums or lengths right again, for every other file
-    )
+    mend: Callable[[bytes], bytes] | None = None  # corrects checksums or lengths, for every other file
 
-    def write(self, corpus: Path) -> None:
-        """Make the valid files in `corpus`; what is there already stays."""
+    def write(self, corpus: Path) -> tuple[str, ...]:
+        """Make the valid files in `corpus`, unless they are there, and return the names of those to spoil."""
         folder = corpus / self.make.__name__
         if not folder.exists():
-            corpus.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(parents=True)
             self.make(folder)
+        found = [sorted(folder.glob(pattern)) for pattern in self.pattern.split()]
+        return tuple(str(path.relative_to(folder)) for paths in found for path in paths)
 
     def copy(self, corpus: Path, folder: Path) -> None:
         """Copy the valid files to `folder`/NAME."""
@@ -140,8 +137,7 @@ def _nerd(root: Path) -> None:
 
 
 def _glbs(root: Path) -> None:
-    root.mkdir()
-    made = box()
+    write(root / "box.glb", box())
     textured = box()
     corners = len(textured.binary) and 8
     uvs = textured.array(np.random.default_rng(0).random((corners, 2)).astype(np.float32), "VEC2")
@@ -157,12 +153,10 @@ def _glbs(root: Path) -> None:
         "index": 0,
         "extensions": shift,
     }
-    write(root / "box.glb", made)
     write(root / "textured.glb", textured)
 
 
 def _videos(root: Path) -> None:
-    root.mkdir()
     frames = [frame[:48, :64] for frame in pan(4)]
     write_video(root / "a.mp4", frames)
     write_video(root / "a.mov", frames, codec="mjpeg", pixels="yuvj420p")
@@ -178,7 +172,6 @@ def _read_video(root: Path, path: Path) -> None:
 
 
 def _run(root: Path) -> None:
-    root.mkdir()
     run = finished_run(root)
     add_model(run)
     Calibration((1.0, 2.0, 0.5), "a grey card").save(run.calibration_file)
@@ -200,11 +193,7 @@ def _run(root: Path) -> None:
         "focal": torch.tensor([1.2], dtype=torch.float64),
     }
     save_tensors(root / "views.safetensors", tensors, {"kind": "views"})
-    _evaluate(run, root)
     _page_files(root)
-
-
-def _evaluate(run: RunFolder, root: Path) -> None:
     other = evaluated_run(root / "other", {"test_00": 30.0, "test_01": 28.0})
     shutil.copy(other.metrics_file, run.metrics_file)
     shutil.copytree(other.report_file.parent, run.report_file.parent)
@@ -247,7 +236,6 @@ def _read_prepared(root: Path, path: Path) -> None:
 
 
 def _light_files(root: Path) -> None:
-    root.mkdir()
     source = LightSource((0.0, 0.6, 0.8), 0.01, (3.0, 2.0, 1.0), 0.1, 0.02)
     write_sources(root / "light.exr", 64, (source, source), Sun.SEPARATE)
     record("cup").write(root)
@@ -258,57 +246,10 @@ def _read_light_file(root: Path, path: Path) -> None:
 
 
 _RUN_JSON = (
-    "run/config.json",
-    "run/scene.json",
-    "run/calibration.json",
-    "run/timings.json",
-    "run/metrics.json",
-    "run/report/page.json",
-    "run/model/config.json",
-    "run/checkpoints/step-000000005/state.json",
+    "run/config.json run/scene.json run/calibration.json run/timings.json run/metrics.json run/report/page.json "
+    "run/model/config.json run/checkpoints/*/state.json"
 )
-_RUN_TENSORS = (
-    "run/mesh/asset.safetensors",
-    "run/mesh/lights.safetensors",
-    "run/model/illumination_mlp.safetensors",
-    "run/model/sphere_net.safetensors",
-    "run/checkpoints/step-000000005/tensors.safetensors",
-)
-
-
-def _picture_targets() -> list[Target]:
-    files = {
-        "PNG": ("8.png", "alpha.png", "palette.png", "grey.png", "bits.png", "16.png", "16grey.png"),
-        "JPEG": ("plain.jpg", "progressive.jpg", "grey.jpg", "cmyk.jpg"),
-        "WebP": ("lossy.webp", "lossless.webp", "extended.webp"),
-        "TIFF": (
-            "8.tif",
-            "16.tif",
-            "alpha.tif",
-            "float.tif",
-            "grey.tif",
-            "lzw.tif",
-            "deflate.tif",
-            "jpeg.tif",
-        ),
-        "HEIC, AVIF": ("8.heic", "alpha.heic", "10.heic", "alpha.avif"),
-        "OpenEXR": tuple(
-            f"{n}.exr" for n in ("zip", "alpha", "piz", "rle", "no", "b44", "dwaa", "pxr24", "tiles")
-        ),
-        "Radiance": ("runs.hdr", "narrow.hdr"),
-        "camera raw": ("camera.dng",),
-    }
-    maps = ("OpenEXR", "Radiance")
-    return [
-        Target(
-            n,
-            pictures.WRITERS[n],
-            f,
-            _read_map if n in maps else _read_picture,
-            mend=with_checksums if n == "PNG" else None,
-        )
-        for n, f in files.items()
-    ]
+_RUN_TENSORS = "run/mesh/*.safetensors run/model/*.safetensors run/checkpoints/*/tensors.safetensors"
 
 
 def _service(root: Path) -> None:
@@ -331,53 +272,42 @@ def _page_files(root: Path) -> None:
 
 
 def _ask_page(root: Path, path: Path) -> None:
-    token = "a-token" if path.name.startswith("page-token") else None
+    token = "a-token" if path.name == "token.http" else None
     servers.SERVERS.ask(servers.PageServer, root, path.read_bytes(), token)
 
 
 TARGETS = (
-    *_picture_targets(),
-    Target("transforms", _nerfstudio, ("transforms.json",), _read_scene, JSON),
-    Target("COLMAP text", _colmap_text, ("sparse/0/cameras.txt", "sparse/0/images.txt"), _read_scene, WORDS),
-    Target("COLMAP binary", _colmap_binary, ("sparse/0/cameras.bin", "sparse/0/images.bin"), _read_scene),
-    Target("NeRD arrays", _nerd, ("poses_bounds.npy",), _read_scene),
+    Target("PNG", pictures.write_png, "*", _read_picture, mend=with_checksums),
+    Target("JPEG", pictures.write_jpeg, "*", _read_picture),
+    Target("WebP", pictures.write_webp, "*", _read_picture),
+    Target("TIFF", pictures.write_tiff, "*", _read_picture),
+    Target("HEIC, AVIF", pictures.write_heic, "*", _read_picture),
+    Target("OpenEXR", pictures.write_exrs, "*", _read_map),
+    Target("Radiance", pictures.write_radiances, "*", _read_map),
+    Target("camera raw", pictures.write_raw, "*", _read_picture),
+    Target("transforms", _nerfstudio, "transforms.json", _read_scene, JSON),
+    Target("COLMAP text", _colmap_text, "sparse/0/cameras.txt sparse/0/images.txt", _read_scene, WORDS),
+    Target("COLMAP binary", _colmap_binary, "sparse/0/cameras.bin sparse/0/images.bin", _read_scene),
+    Target("NeRD arrays", _nerd, "poses_bounds.npy", _read_scene),
     Target(
         "camera files",
         _write_cameras,
-        ("camera.json", "scene.json", "transforms.json"),
+        "camera.json scene.json transforms.json",
         lambda root, path: read_camera(path, root / "images" / "view_01.jpg"),
         JSON,
     ),
-    Target("GLB", _glbs, ("box.glb", "textured.glb"), lambda root, path: load_virtual_object(path), GLB),
-    Target("video", _videos, ("a.mp4", "a.mov", "a.avi", "a.mkv"), _read_video),
+    Target("GLB", _glbs, "*.glb", lambda root, path: load_thing(path), GLB),
+    Target("video", _videos, "a.*", _read_video),
     Target("JSON of runs", _run, _RUN_JSON, _read_run, JSON),
-    Target("metrics.jsonl", _run, ("run/metrics.jsonl",), _read_run, LINES),
+    Target("metrics.jsonl", _run, "run/metrics.jsonl", _read_run, LINES),
     Target("tensors of runs", _run, _RUN_TENSORS, _read_run, SAFETENSORS),
-    Target("safetensors", _run, ("views.safetensors",), _read_tensors, SAFETENSORS),
+    Target("safetensors", _run, "views.safetensors", _read_tensors, SAFETENSORS),
     Target(
-        "files of prepare",
-        _prepared,
-        ("prepare.json", "hint.json", ".prepare/written.json"),
-        _read_prepared,
-        JSON,
+        "files of prepare", _prepared, "prepare.json hint.json .prepare/written.json", _read_prepared, JSON
     ),
-    Target("kept steps of prepare", _prepared, (".prepare/step.npz",), _read_prepared),
-    Target("light files", _light_files, ("light.light.json",), _read_light_file, JSON),
-    Target("records", _light_files, ("cup.json",), lambda root, path: Record.read(path), JSON),
-    Target(
-        "service requests",
-        _service,
-        tuple(requests.service_requests()),
-        _ask_service,
-        requests.REQUEST,
-        requests.with_length,
-    ),
-    Target(
-        "page requests",
-        _run,
-        tuple(requests.page_requests(b"", b"", b"")),
-        _ask_page,
-        requests.REQUEST,
-        requests.with_length,
-    ),
+    Target("kept steps of prepare", _prepared, ".prepare/step.npz", _read_prepared),
+    Target("light files", _light_files, "light.light.json", _read_light_file, JSON),
+    Target("records", _light_files, "cup.json", lambda root, path: Record.read(path), JSON),
+    Target("service requests", _service, "*.http", _ask_service, requests.REQUEST, requests.with_length),
+    Target("page requests", _run, "*.http", _ask_page, requests.REQUEST, requests.with_length),
 )

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from lightprobe.core.errors import InputError
-from lightprobe.service.asgi import reply
+from lightprobe.web.asgi import reply
 from tests.fuzz import requests, servers, worker
-from tests.fuzz.__main__ import Attack, main
+from tests.fuzz.__main__ import Attack, main, page
 from tests.fuzz.connection import Answer
 from tests.fuzz.edits import JSON, Splice, drawn, fewest, spoilt, value_edits, with_checksums
 from tests.fuzz.targets import TARGETS, Target
@@ -46,45 +46,38 @@ def test_edits_that_a_failure_does_not_need_are_left_away():
 
 def test_a_png_gets_its_checksums_back(tmp_path):
     png = next(target for target in TARGETS if target.name == "PNG")
-    png.make(tmp_path / "png")
-    sound = (tmp_path / "png" / "8.png").read_bytes()
+    png.make(tmp_path)
+    sound = (tmp_path / "8.png").read_bytes()
     assert with_checksums(sound) == sound
     assert with_checksums(sound[:29] + b"xxxx" + sound[33:]) == sound
 
 
 @pytest.mark.long
-def test_whatever_a_reader_does_is_told_apart(tmp_path, monkeypatch):
+def test_whatever_a_reader_does_is_told_apart(tmp_path):
     """Each in a process of its own kind: one that is killed, hangs, or takes all memory ends nobody else."""
-    monkeypatch.setattr(worker, "SECONDS", 1.0)
-    attacked = worker.Worker(tmp_path / "corpus", "tests.fuzz.test_fuzz", "DEFECTS")
+    attacked = worker.Worker(tmp_path / "corpus", "tests.fuzz.test_fuzz:DEFECTS", seconds=1.0)
     DEFECTS[0].write(tmp_path / "corpus")
     try:
         found = {kind: attacked.read("defects", "a", kind.encode()) for kind in "rkmhes "}
     finally:
         attacked.close()
     words = {
-        "k": "death",
+        "k": "death of the process",
         "m": "MemoryError",
         "h": "hang",
         "e": "KeyError",
         "s": "no sentence",
-        "r": "",
-        " ": "",
     }
-    assert {kind: outcome.finding.partition(" in ")[0] for kind, outcome in found.items()} == {
-        **words,
-        "k": "death of the process",
-    }
-    assert found["r"].refused
-    assert not found[" "].refused
+    told = {kind: outcome.finding.partition(" in ")[0] for kind, outcome in found.items()}
+    assert told == {**words, "r": "", " ": ""}
+    assert [found[kind].refused for kind in "r "] == [True, False]
 
 
 def _one_file(folder: Path) -> None:
-    folder.mkdir(parents=True)
     (folder / "a").write_bytes(b" ")
 
 
-DEFECTS = (Target("defects", _one_file, ("a",), defects),)
+DEFECTS = (Target("defects", _one_file, "a", defects),)
 
 
 @pytest.mark.slow
@@ -99,59 +92,40 @@ def test_every_reader_survives_a_short_attack(tmp_path):
     assert all(tally.files >= 2 for tally in attack.tallies.values())
 
 
-@pytest.mark.slow
-def test_findings_are_kept_and_read_again(tmp_path, capsys, monkeypatch):
+def test_a_finding_is_kept_with_the_edits_that_show_it_and_told_in_a_table(tmp_path, capsys, monkeypatch):
+    found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")
+    monkeypatch.setattr(worker.Worker, "read", lambda self, target, file, data: found)
     attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
-    found = worker.Outcome("KeyError in GLB at thing.py:load_virtual_object", "a trace")
-    attack._keep(attack.targets[0], "box.glb", b"no GLB at all", [Splice(0, 1, b"")], found)
-    for outcome, code, words in ((found, 1, found.finding), (worker.Outcome(), 0, "is wrong any more")):
-        read = []
-        monkeypatch.setattr(
-            worker.Worker, "read", lambda self, *given, o=outcome, r=read: r.append(given) or o
-        )
-        assert main(["--again", "--folder", str(tmp_path)]) == code
-        assert words in capsys.readouterr().out
-        assert read == [("GLB", "box.glb", b"no GLB at all")]
+    assert len(attack.check_corpus()) == 2
+    attack.turn(0, batch=2)
+    (kept,) = (tmp_path / "findings").glob("*.txt")
+    assert kept.read_text().startswith(f"{found.finding}\n\nGLB, ")
+    assert kept.with_suffix("").is_file()
+    assert found.finding in capsys.readouterr().out
+    assert "| GLB | 2 | 0 | 0 | 1 |" in page(attack, 0)
 
 
-def test_a_record_is_a_table(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(Attack, "check_corpus", lambda self: [])
-    assert (
-        main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(tmp_path / "a.md"), "--only", "GLB"])
-        == 0
-    )
-    assert "| GLB | 0 | 0 | 0 | 0 |" in (tmp_path / "a.md").read_text()
+def test_the_command_writes_its_record(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(worker.Worker, "read", lambda self, target, file, data: worker.Outcome())
+    record = tmp_path / "a.md"
+    assert main(["--minutes", "0", "--folder", str(tmp_path), "--page", str(record), "--only", "GLB"]) == 0
+    assert "| GLB | 0 | 0 | 0 | 0 |" in record.read_text()
     assert "0 findings" in capsys.readouterr().out
 
 
-def test_a_request_says_what_it_was_written_from_and_its_length_is_mended():
-    valid = requests.service_requests() | requests.page_requests(b"a", b"b", b"c")
-    for name in valid.keys() - {"several.http"}:
-        assert requests.written(b"", requests.described(valid[name])) == valid[name]
-    cut = requests.service_requests()["all.http"][:-9]
-    head, _, body = requests.with_length(cut).partition(b"\r\n\r\n")
+def test_a_request_is_written_from_what_it_says_and_its_length_is_mended(tmp_path):
+    requests.write(tmp_path, requests.service_requests() | requests.page_requests(b"a", b"b", b"c"))
+    for file in tmp_path.glob("*.http"):
+        data = file.read_bytes()
+        assert data.startswith(requests.REQUEST.write(b"", requests.REQUEST.read(data)))
+    head, _, body = requests.with_length((tmp_path / "all.http").read_bytes()[:-9]).partition(b"\r\n\r\n")
     assert f"content-length: {len(body)}".encode() in head
-
-
-@pytest.fixture
-def ask(tmp_path, monkeypatch):
-    """Ask an application of our own whether it answers as the service must."""
-    monkeypatch.setattr(servers, "SERVERS", servers.Servers())
-
-    def asked(app, data):
-        made = servers.Server(app, (tmp_path / "folder",), servers.Writes())
-        return made.ask(asyncio.new_event_loop(), data)
-
-    return asked
-
-
-GET = b"GET / HTTP/1.1\r\nhost: a\r\n\r\n"
 
 
 @pytest.mark.parametrize(
     ("does", "kind"), [("raises", "an error leaves"), ("writes", "a file outside"), ("logs", "log")]
 )
-def test_whatever_a_server_does_wrong_is_found(ask, tmp_path, does, kind):
+def test_whatever_a_server_does_wrong_is_found(tmp_path, does, kind):
     async def app(scope, receive, send):
         if does == "raises":
             raise KeyError("a")
@@ -161,8 +135,9 @@ def test_whatever_a_server_does_wrong_is_found(ask, tmp_path, does, kind):
             logging.getLogger("uvicorn.error").error("no", exc_info=KeyError("a"))
         await reply(send, 200, "Well.")
 
+    server = servers.Server(app, (tmp_path / "folder",), servers.Writes())
     with pytest.raises(worker.DefectError, match=kind):
-        ask(app, GET)
+        server.ask(asyncio.new_event_loop(), b"GET / HTTP/1.1\r\nhost: a\r\n\r\n")
 
 
 @pytest.mark.parametrize(
@@ -171,16 +146,11 @@ def test_whatever_a_server_does_wrong_is_found(ask, tmp_path, does, kind):
         (422, b"no", "no JSON"),
         (422, b'{"sentence": "no stop"}', "no sentence"),
         (418, b'{"sentence": "A pot."}', "418"),
-        (500, b'{"sentence": "Why."}', "without a reason"),
+        (500, b'{"sentence": "Why."}', "the status 500"),
         (422, b'{"sentence": "See /secret/place."}', "a path"),
     ],
 )
 def test_an_answer_that_is_not_documented_is_found(status, body, kind):
-    service = object.__new__(servers.ServiceServer)
-    service._documented, service._temporary, service._runs = (
-        {422, 500},
-        Path("/secret/place"),
-        Path("/secret/runs"),
-    )
+    answer = Answer("GET", "/", status, {}, bytearray(body), ended=True)
     with pytest.raises(worker.DefectError, match=kind):
-        service._check(Answer("GET", "/", status, {"x-request-id": "a"}, bytearray(body), ended=True), set())
+        servers.check_answer(answer, {422}, (Path("/secret/place"), Path("/secret/runs")))

@@ -7,15 +7,15 @@ import importlib
 import multiprocessing
 import os
 import resource
-import sys
 import tempfile
-import time
 import traceback
 import warnings
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
+
+from lightprobe.core.errors import LightprobeError
 
 MEMORY = 2 * 2**30  # bytes: resident at most, and address space beyond what the process has before it reads
 SECONDS = 10.0  # a file may take; a hang is tried once more before it counts, as the machine may be busy
@@ -47,14 +47,12 @@ class Worker:
     def __init__(
         self,
         corpus: Path,
-        module: str = "tests.fuzz.targets",
-        name: str = "TARGETS",
+        source: str = "tests.fuzz.targets:TARGETS",
         only: frozenset[str] | None = None,
+        seconds: float = SECONDS,
     ):
-        """Read the files of `corpus` with the targets that a module holds under a name, or `only` some of
-        them.
-        """
-        self._corpus, self._source = corpus, (module, name, only)
+        """Read the files of `corpus` with the targets of MODULE:NAME, or `only` some, for `seconds` at most."""
+        self._corpus, self._source, self._seconds = corpus, (source, only), seconds
         self._process: Any = None
         self._connection: Connection | None = None
 
@@ -76,9 +74,9 @@ class Worker:
         assert self._connection is not None
         try:
             self._connection.send((target, file, data))
-            if not self._connection.poll(SECONDS):
+            if not self._connection.poll(self._seconds):
                 self.close()
-                return Outcome(f"hang in {target}", f"more than {SECONDS:g} s")
+                return Outcome(f"hang in {target}", f"more than {self._seconds:g} s")
             return self._connection.recv()
         except (EOFError, OSError):
             self._process.join()
@@ -98,21 +96,27 @@ class Worker:
             raise RuntimeError("the process that reads has not become ready")
 
 
-def _serve(connection: Connection, corpus: str, source: tuple[str, str, frozenset[str] | None]) -> None:
+def _serve(connection: Connection, corpus: str, source: tuple[str, frozenset[str] | None]) -> None:
     """Read what comes through the connection until it is closed."""
-    module, held, only = source
-    found = [t for t in getattr(importlib.import_module(module), held) if only is None or t.name in only]
+    module, _, held = source[0].partition(":")
+    every = getattr(importlib.import_module(module), held)
+    found = [target for target in every if source[1] is None or target.name in source[1]]
     with tempfile.TemporaryDirectory() as folder:
-        _quiet()
+        null = os.open(os.devnull, os.O_WRONLY)
+        for stream in (1, 2):  # what libraries print is dropped, and core dumps
+            os.dup2(null, stream)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        warnings.simplefilter("ignore")
         targets = {target.name: target for target in found}
         for target in found:
             target.copy(Path(corpus), Path(folder))
-            for file in target.files:
+            for file in target.write(Path(corpus)):
                 with contextlib.suppress(
                     Exception
                 ):  # compiles what is compiled; __main__ checks that they are valid
                     target.read(Path(folder) / target.name, Path(folder) / target.name / file)
-        _limit_memory()
+        limit = _status("VmSize") + MEMORY
+        resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
         connection.send("ready")
         while True:
             try:
@@ -127,47 +131,24 @@ def _serve(connection: Connection, corpus: str, source: tuple[str, str, frozense
             connection.send(outcome)
 
 
-def _quiet() -> None:
-    """Drop what libraries print, and core dumps."""
-    null = os.open(os.devnull, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(null, stream)
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    warnings.simplefilter("ignore")
-
-
-def _limit_memory() -> None:
-    limit = _status("VmSize") + MEMORY
-    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
-
-
 def _outcome(target: Any, root: Path, path: Path) -> Outcome:
-    from lightprobe.core.errors import LightprobeError
-
     Path("/proc/self/clear_refs").write_text("5")  # the largest size so far is forgotten
     finding = detail = ""
     refused = False
-    began = time.monotonic()
     try:
         target.read(root, path)
     except LightprobeError as error:
-        refused = True
-        finding, detail = _no_sentence(target.name, str(error))
-    except DefectError as error:
-        finding, detail = f"{error.kind} in {target.name}", _trace(error)
-    except MemoryError as error:
-        finding, detail = f"MemoryError in {target.name} at {_place(error)}", _trace(error)
+        refused, detail = True, str(error)[:2000]
+        if not (detail.isprintable() and detail.endswith(".") and len(detail) < 1500):
+            finding = f"no sentence in {target.name}"
     except BaseException as error:
-        finding, detail = f"{type(error).__name__} in {target.name} at {_place(error)}", _trace(error)
+        detail = "".join(traceback.format_exception(error))[-4000:]
+        kind = f"{error.kind} in" if isinstance(error, DefectError) else f"{type(error).__name__} in"
+        finding = f"{kind} {target.name} at {_place(error)}"
     memory = _status("VmHWM")
     if not finding and memory > MEMORY:
         finding, detail = f"memory in {target.name}", f"{memory / 2**30:.2f} GiB"
-    return Outcome(finding, detail or f"{time.monotonic() - began:.2f} s", refused, memory)
-
-
-def _no_sentence(target: str, message: str) -> tuple[str, str]:
-    whole = message.isprintable() and message.endswith(".") and len(message) < 1500
-    return ("", "") if whole else (f"no sentence in {target}", message[:2000])
+    return Outcome(finding, detail, refused, memory)
 
 
 def _place(error: BaseException) -> str:
@@ -176,15 +157,7 @@ def _place(error: BaseException) -> str:
     return f"{Path(ours[-1].filename).name}:{ours[-1].name}" if ours else "no line of ours"
 
 
-def _trace(error: BaseException) -> str:
-    return "".join(traceback.format_exception(error))[-4000:]
-
-
 def _status(key: str) -> int:
     """Return a size of this process out of Linux' own record, bytes."""
-    if not sys.platform.startswith("linux"):
-        raise RuntimeError("fuzzing needs Linux, which tells how much memory a process has used")
-    line = next(
-        line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith(f"{key}:")
-    )
-    return int(line.split()[1]) * 1024
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * int(next(line for line in lines if line.startswith(f"{key}:")).split()[1])

@@ -27,9 +27,6 @@ FAKE = """
         run, folder = Path(asked["run"]), Path(asked["folder"])
         what = asked["name"].partition(".")[0]
         (run / "pid").write_text(str(os.getpid()))
-        if what == "dies" or what == "dies_once" and not (run / "died").exists():
-            (run / "died").touch()
-            sys.exit(1)
         if what == "slow":
             time.sleep(60)
         while what == "waits" and not (run / "go").exists():

@@ -43,7 +43,7 @@ def asked(runs, tmp_path):
         "camera": None,
         "mask": None,
         "method": "solve",
-        "height": None,
+        "size": None,
         "sun": "inside",
         "sources": False,
         "background": True,
@@ -64,7 +64,8 @@ def test_a_prediction_leaves_what_was_asked_for(runs, asked, tmp_path):
         "light.png",
         "confidence.exr",
         "mask.png",
-    ]  # it was not looked for
+        "overlay.png",
+    ]
     assert told["light"]["photo"]["file"] == "mine.png"
     assert (told["light"]["sources"], told["light"]["sources_sought"]) == ([], False)
     assert told["worker"]["objects"] == ["ball"]
@@ -80,7 +81,7 @@ def test_a_prediction_leaves_what_was_asked_for(runs, asked, tmp_path):
 @pytest.mark.slow
 def test_lamps_are_looked_for_and_taken_out_where_that_is_asked_for(asked, tmp_path):
     one = worker()
-    told = one.answer({**asked, "sources": True, "sun": "separate", "height": 128}, lambda stage: None)
+    told = one.answer({**asked, "sources": True, "sun": "separate", "size": "256x128"}, lambda stage: None)
     assert told["light"]["sources_sought"]
     copies = ["light.hdr"]
     assert told["light"]["map"] == {

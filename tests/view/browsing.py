@@ -9,12 +9,11 @@ from pathlib import Path
 
 import uvicorn
 
-from lightprobe.service.worker_process import worker_command
-from lightprobe.view.app import Session, create_app
-from lightprobe.view.jobs import Jobs
-from lightprobe.view.network import open_address
+from lightprobe.view.app import create_app
+from lightprobe.view.routes import Session
+from lightprobe.view.server import open_address
 from lightprobe.view.sources import Sources
-from lightprobe.view.uploads import Uploads
+from lightprobe.web.worker import WorkerProcess, worker_command
 
 CHROMIUM = shutil.which("chromium")
 # offline, and drawn by the processor: the same picture on every machine
@@ -37,12 +36,9 @@ class Running:
 
     def __init__(self, folders: list[Path], folder: Path):
         """Serve runs and scenes; files in `folder`."""
-        for part in ("uploads", "jobs", "pictures"):
-            (folder / part).mkdir(parents=True)
-        self.jobs = Jobs(folder / "jobs", worker_command("lightprobe.view.worker", "cpu"))
-        self._session = Session(
-            Sources.of(folders), Uploads(folder / "uploads"), self.jobs, folder / "pictures"
-        )
+        command = worker_command("lightprobe.view.worker", "cpu")
+        self._session = Session.within(folder, Sources.of(folders), lambda number: WorkerProcess(command))
+        self.tasks = self._session.tasks
         self.port = 0
         self.start()
 
@@ -70,7 +66,7 @@ class Running:
     def close(self) -> None:
         """End everything."""
         self.stop()
-        self.jobs.close()
+        self.tasks.pool.close()
 
 
 @contextlib.contextmanager

@@ -22,7 +22,6 @@ from lightprobe.imaging import read_mask, srgb_encode, write_exr, write_png
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition, ObjectVerdict
 from lightprobe.scene.record import read_record
-from lightprobe.view.jobs import JobState
 from tests.view.browsing import CHROMIUM, PATIENCE, Running, chromium
 from tests.view.finished_run import begun_run
 
@@ -199,7 +198,7 @@ def test_light_out_of_a_photo_and_a_thing_into_it(page, server, run, tmp_path):
 
     page.get_by_text("See the object under this light").click()
     page.wait_for_selector("#stage[data-run='0']")
-    assert page.input_value("#light").startswith("job:")
+    assert page.input_value("#light").startswith("task:")
 
 
 @pytest.mark.long
@@ -218,9 +217,8 @@ def test_a_worker_that_is_killed_costs_one_sentence(page, server, run):
 def idle_worker(server) -> int:
     """Return the process that computes, once it has loaded the run that the page has asked for."""
     for _ in range(600):
-        states = {job.state for job in server.jobs.all()}
-        if server.jobs.worker_pid is not None and not states & {JobState.WAITING, JobState.RUNNING}:
-            return server.jobs.worker_pid
+        if server.tasks.all() and not server.tasks.busy:
+            return server.tasks.pool.slots[0].process.pid
         time.sleep(0.1)
     raise AssertionError("the run was never loaded")
 
@@ -298,7 +296,7 @@ def test_a_prediction_goes_on_while_the_server_cannot_be_asked(page, server, run
         else:
             route.abort()
 
-    page.route(re.compile(r"/api/jobs/[^/]+$"), miss)
+    page.route(re.compile(r"/api/tasks/[^/]+$"), miss)
     page.set_input_files("#photo-file", run.path.parent / "scene" / "train" / "train_01.png")
     page.wait_for_selector("#result .verdict:not(.failed)")
     assert len(missed) > 3

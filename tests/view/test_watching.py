@@ -8,7 +8,8 @@ from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.view import watching
-from lightprobe.view.watching import TrainingWatch, log_tail, newest_record, read_records
+from lightprobe.view.watching import TrainingWatch, evaluation_of, log_tail, newest_record, read_records
+from tests.report.pages import evaluated_run
 from tests.view.finished_run import begun_run
 
 
@@ -81,3 +82,11 @@ def test_the_log_is_shown_without_tracebacks(tmp_path):
         "2026-01-01 00:00:00  begins\nTraceback (most recent call last):\n  File\n"
     )
     assert log_tail(tmp_path / "log.txt") == ["2026-01-01 00:00:00  begins"]
+
+
+@pytest.mark.parametrize("mean", [[1], "x", 3, True, None, {"psnr": float("nan")}, {"psnr": 10**400}])
+def test_scores_that_are_none_are_left_out(tmp_path, mean):
+    run = evaluated_run(tmp_path / "run", {"a": 20.0})
+    assert evaluation_of(run)["psnr_masked"] == 20
+    run.metrics_file.write_text(json.dumps({"mean": mean}))
+    assert evaluation_of(run) == {}

@@ -6,7 +6,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff
 
 from lightprobe.cli.answer import say
-from lightprobe.cli.options import Device, RunArg, option
+from lightprobe.cli.options import Device, FoundCameraArg, MaskArg, RunArg, numbers, option
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import shell_word
 from lightprobe.models.calibration import Calibration
@@ -19,13 +19,6 @@ from lightprobe.runs.calibration import (
 )
 
 _PhotoArg = Annotated[Path | None, option(metavar="IMAGE", help="A photo of the object.")]
-_CameraArg = Annotated[
-    Path | None,
-    option(metavar="C.json", help="Its camera, or many of which its name chooses; else it is found."),
-]
-_MaskArg = Annotated[
-    Path | None, option(metavar="M", help="White object on black; else the photo's alpha, or found.")
-]
 _LightArg = Annotated[
     Path | None, option(metavar="ENV.exr", help="The photo's true light, in the photo's exposure.")
 ]
@@ -44,8 +37,8 @@ def calibrate(
     run: RunArg,
     *,
     photo: _PhotoArg = None,
-    camera: _CameraArg = None,
-    mask: _MaskArg = None,
+    camera: FoundCameraArg = None,
+    mask: MaskArg = None,
     env: _LightArg = None,
     albedo: _AlbedoArg = None,
     at: _AtArg = None,
@@ -92,26 +85,14 @@ def calibrate(
 
 def _point(albedo: str, at: str) -> Point:
     """Return the point of --albedo and --at; raise `ConfigError` for what is none."""
-    colors, place = _numbers(albedo), _numbers(at)
-    if len(colors) == 1:
-        colors *= 3
-    if len(colors) != 3 or not all(0 < value <= 1 for value in colors):
-        raise ConfigError(
-            f"--albedo must be one number above 0 and at most 1, or three with commas, not '{albedo[:60]}'."
-        )
-    if len(place) != 2:
-        raise ConfigError(
-            f"--at must be two numbers with a comma, pixels from the left and from the top, not '{at[:60]}'."
-        )
-    r, g, b = colors
-    return Point(place[0], place[1], (r, g, b))
-
-
-def _numbers(text: str) -> list[float]:
-    try:
-        return [float(part) for part in text.split(",")]
-    except ValueError:
-        return []
+    wanted = "one number above 0 and at most 1, or three with commas"
+    colors = numbers(albedo, "--albedo", wanted, (1, 3))
+    if not all(0 < value <= 1 for value in colors):
+        raise ConfigError(f"--albedo must be {wanted}, not '{albedo[:60]}'.")
+    r, g, b = colors * 3 if len(colors) == 1 else colors
+    place = "two numbers with a comma, pixels from the left and from the top"
+    x, y = numbers(at, "--at", place, (2,))
+    return Point(x, y, (r, g, b))
 
 
 def _tell(run: Path, found: Calibration) -> None:

@@ -14,10 +14,9 @@ from lightprobe.core.config.prediction import UNCHANGED, PredictConfig
 from lightprobe.core.errors import InputError
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.predicting import CHUNK, predict_fleet
-from lightprobe.fleet.prediction_task import PhotoOptions
 from lightprobe.fleet.ray_cluster import cluster
-from lightprobe.fleet.training import train_fleet
-from lightprobe.fleet.training_task import SceneOptions
+from lightprobe.fleet.training import SceneOptions, train_fleet
+from lightprobe.jobs import LightOptions
 
 __all__ = ["fleet_predict", "fleet_train", "with_preset"]
 
@@ -43,21 +42,21 @@ _Evaluate = Annotated[
     FlagCreatePairsOff[bool],
     option(help="Also score each run on its test photos, by the method that it uses."),
 ]
-_Jobs = Annotated[
+_Table = Annotated[
     Positional[str],
     option(
-        metavar="JOBS.parquet",
-        help="A row for each photo: run, photo, and camera, mask, method, id; or its URL.",
+        metavar="PHOTOS.parquet",
+        help="A row for each photo: run, photo, and camera, mask, id, method, ...; or its URL.",
     ),
 ]
 _Out = Annotated[str, option(aliases=["-o"], metavar="OUT", help="Folder for maps and index, or its URL.")]
 _Chunk = Annotated[int, option(metavar="N", help="Photos of one object that a task predicts from, at most.")]
 _Retry = Annotated[FlagCreatePairsOff[bool], option(help="Try those photos again that have failed.")]
-_Options = Annotated[PhotoOptions, arg(name="")]
+_Confidence = Annotated[FlagCreatePairsOff[bool], option(help="Also write the confidence of each map.")]
 
 # `with_preset` puts the chosen preset's in their place
 _FIRST, _SECOND, _THIRD = DecomposeConfig(), DistillConfig(), PredictConfig()
-_NEEDS, _OPTIONS = Needs(), PhotoOptions()
+_NEEDS, _OPTIONS = Needs(), LightOptions()
 
 
 def fleet_train(
@@ -104,14 +103,15 @@ def fleet_train(
 
 
 def fleet_predict(
-    jobs: _Jobs,
+    table: _Table,
     *,
     output: _Out,
     address: _Address = None,
     needs: Needs = _NEEDS,
     chunk: _Chunk = CHUNK,
     retry_failed: _Retry = False,
-    options: _Options = _OPTIONS,
+    confidence: _Confidence = False,
+    options: Annotated[LightOptions, arg(name="")] = _OPTIONS,
     settings: Prediction = UNCHANGED,
 ) -> None:
     """Predict the environments of all photos that a Parquet file lists, on this machine or on a Ray cluster.
@@ -120,16 +120,17 @@ def fleet_predict(
     none. The same command goes on where an interrupted one stopped. Needs the extra lightprobe[cluster].
 
     Examples:
-      lightprobe fleet predict jobs.parquet -o out
-      lightprobe fleet predict jobs.parquet -o out --method probe-net --chunk 100
-      lightprobe fleet predict s3://bucket/jobs.parquet -o s3://bucket/out --address auto
+      lightprobe fleet predict photos.parquet -o out
+      lightprobe fleet predict photos.parquet -o out --method probe-net --chunk 100
+      lightprobe fleet predict s3://bucket/photos.parquet -o s3://bucket/out --address auto
     """
     with cluster(address) as executor, Meter() as meter:
         found = predict_fleet(
-            jobs,
+            table,
             output,
             executor,
             options=options,
+            confidence=confidence,
             settings=settings,
             needs=needs,
             chunk=chunk,

@@ -1,4 +1,4 @@
-"""insert: a thing of the user's put into a photo."""
+"""insert: a virtual object put into a photo."""
 
 import sys
 from pathlib import Path
@@ -7,13 +7,12 @@ from typing import Annotated
 from tyro.conf import Positional
 
 from lightprobe.cli.answer import keep, say
-from lightprobe.cli.options import Device, RunArg, option
-from lightprobe.core.errors import ConfigError
-from lightprobe.runs.insertion import insert_object
+from lightprobe.cli.options import Device, FoundCameraArg, MaskArg, RunArg, numbers, option
+from lightprobe.jobs.insertion import insert_object
 
 _PhotoArg = Annotated[Positional[Path], option(metavar="PHOTO", help="Photo of the run's object.")]
 _ThingArg = Annotated[
-    Path, option(metavar="THING.glb", help="The thing: binary glTF 2.0 with its textures inside.")
+    Path, option(metavar="OBJECT.glb", help="The virtual object: binary glTF 2.0 with its textures inside.")
 ]
 _OutputArg = Annotated[
     Path,
@@ -27,7 +26,7 @@ _AtArg = Annotated[
     str | None,
     option(
         metavar="X,Y",
-        help="Pixel at which the thing's foot stands, from the upper left; else beside the object.",
+        help="Pixel at which the virtual object stands, from the upper left; else beside the run's.",
     ),
 ]
 _ScaleArg = Annotated[
@@ -46,14 +45,6 @@ _EnvArg = Annotated[
         metavar="ENV", help="Light as predict writes it, .exr or .hdr; else it is predicted from the photo."
     ),
 ]
-_CameraArg = Annotated[
-    Path | None,
-    option(metavar="C.json", help="Camera of the photo, or many of which its name chooses; else found."),
-]
-_MaskArg = Annotated[
-    Path | None,
-    option(metavar="M", help="White object on black; else the photo's alpha, or found with the camera."),
-]
 
 
 def insert(
@@ -66,13 +57,13 @@ def insert(
     scale: _ScaleArg = None,
     turn: _TurnArg = 0.0,
     env: _EnvArg = None,
-    camera: _CameraArg = None,
-    mask: _MaskArg = None,
+    camera: FoundCameraArg = None,
+    mask: MaskArg = None,
     device: Device = "auto",
 ) -> None:
-    """Put a thing of your own beside the object in a photo: lit as the photo is, with shadows and the photo's grain.
+    """Put an object of your own beside the run's in a photo: lit as the photo is, with shadows and the photo's grain.
 
-    The thing stands on the ground that the object stands on. The picture is a PNG of the photo's size; its layers are
+    It stands on the ground that the run's object stands on. The picture is a PNG of the photo's size; its layers are
     linear OpenEXR files: picture = photo x shadow x (1 - mask) + beauty. Of a cut-out photo the picture is one, too.
 
     Examples:
@@ -80,12 +71,13 @@ def insert(
       lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --at 812,640 --scale 0.8 --turn 30
       lightprobe insert runs/cup new.jpg --object chair.glb -o with_chair.png --env light.exr --camera new.json
     """
+    place = None if at is None else numbers(at, "--at", "a pixel as X,Y, such as 812,640", (2,))
     found = insert_object(
         run,
         photo,
         object,
         output,
-        at=None if at is None else _pixel(at),
+        at=None if place is None else (place[0], place[1]),
         scale=scale,
         turn=turn,
         env=env,
@@ -102,12 +94,3 @@ def insert(
     say(f"Layers: {found.beauty}, {found.shadow}, {found.mask}")
     for sentence in found.warnings:
         print(f"lightprobe: warning: {photo}: {sentence}", file=sys.stderr)
-
-
-def _pixel(text: str) -> tuple[float, float]:
-    """Return a pixel (x, y) given as X,Y; raise `ConfigError` when it is none."""
-    try:
-        x, y = (float(part) for part in text.split(","))
-    except ValueError as error:
-        raise ConfigError(f"--at needs a pixel as X,Y, such as 812,640, not '{text}'.") from error
-    return x, y

@@ -7,6 +7,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from lightprobe.core.config.prediction import PredictionOptions, Sun
+from lightprobe.core.errors import ConfigError
 
 _UNSAID = ("", "None", "False")  # defaults that tell nobody anything
 
@@ -33,8 +34,7 @@ EnvironmentArg = Annotated[
 SizeArg = Annotated[
     str | None,
     option(
-        metavar="WxH",
-        help="Size of the maps, 128x64 to 4096x2048 by powers of two; else that of the prediction.",
+        metavar="WxH", help="Size of the maps, 128x64 to 4096x2048 by powers of two; else the prediction's."
     ),
 ]
 SunArg = Annotated[Sun, option(metavar="inside|separate", help="Whether the maps have the suns and lamps.")]
@@ -51,6 +51,31 @@ Hdri = Annotated[
         metavar="DIR", help="Folder of .exr or .hdr environments, z up: the predictor also trains under them."
     ),
 ]
-
-
+FoundCameraArg = Annotated[
+    Path | None,
+    option(
+        metavar="C.json", help="Camera of the photo, or many of which its name chooses; else it is found."
+    ),
+]
+MaskArg = Annotated[
+    Path | None,
+    option(
+        metavar="M",
+        help="White object on black, or a folder with a .png for each photo; else the photo's alpha, or found.",
+    ),
+]
 Prediction = Annotated[PredictionOptions, arg(name="")]
+
+
+def numbers(text: str, option: str, wanted: str, counts: tuple[int, ...]) -> tuple[float, ...]:
+    """Return the numbers of a text with commas; raise `ConfigError` unless they are as many as `counts` has.
+
+    option, wanted: what the error says, the option and what it has to be.
+    """
+    try:
+        found = tuple(float(part) for part in text.split(","))
+    except ValueError:
+        found = ()
+    if len(found) not in counts:
+        raise ConfigError(f"{option} must be {wanted}, not '{text[:60]}'.")
+    return found

@@ -2,40 +2,36 @@
 
 import sys
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from tyro.conf import FlagCreatePairsOff, Positional
+from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from lightprobe.cli.answer import say, say_one
-from lightprobe.cli.options import Device, Prediction, RunArg, SizeArg, SunArg, option
-from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions, Sun
+from lightprobe.cli.options import Device, FoundCameraArg, MaskArg, Prediction, RunArg, option
+from lightprobe.core.config.prediction import UNCHANGED
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import shell_word
 from lightprobe.imaging import is_video
-from lightprobe.light.upsampling import map_height
-from lightprobe.prediction import BackgroundUse
-from lightprobe.prediction import Prediction as PredictionResult
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles, locate_photos
-from lightprobe.runs.predictions import (
-    JointPrediction,
-    PredictedPhoto,
-    PredictionFiles,
-    predict_one_light,
+from lightprobe.jobs import (
+    EVERY,
+    Answer,
+    ChosenFiles,
+    JointAnswer,
+    LightOptions,
+    LocatedPhoto,
+    Output,
+    PredictRequest,
+    Session,
+    locate_photos,
     predict_photos,
+    predict_together,
+    predict_video,
 )
-from lightprobe.runs.videos import EVERY, predict_video, predict_video_light
+from lightprobe.prediction import BackgroundUse
 
 _PhotosArg = Annotated[
     Positional[tuple[Path, ...]], option(metavar="IMAGE...", help="Photos of the object (at least one).")
-]
-_NewCameraArg = Annotated[
-    Path | None,
-    option(
-        metavar="C.json", help="Camera of the photo, or many of which its name chooses; else it is found."
-    ),
 ]
 _MapArg = Annotated[
     Path | None,
@@ -45,62 +41,38 @@ _MapArg = Annotated[
         help="The map, .exr or .hdr, or a folder that is there; several maps need one.",
     ),
 ]
-_MaskArg = Annotated[
-    Path | None,
-    option(
-        metavar="M",
-        help="White object on black, or a folder with a .png like it for each photo; else the photo's alpha, or found.",
-    ),
-]
 _SaveCameraArg = Annotated[Path | None, option(metavar="C.json", help="Name of the camera that was found.")]
 _SaveMaskArg = Annotated[Path | None, option(metavar="M.png", help="Name of the mask that was found.")]
 _SaveOverlayArg = Annotated[
     Path | None, option(metavar="O.png", help="Name of the photo with the object's outline as it was found.")
 ]
-_MethodArg = Annotated[
-    Method | None,
-    option(
-        metavar="METHOD",
-        help=f"One of {', '.join(Method.offered())}; by default the run's own, or the best it has a model for.",
-    ),
-]
 _ConfidenceArg = Annotated[
     Path | None, option(metavar="C.exr", help="Also write the confidence: .exr, or a folder as -o.")
 ]
-
-
 _OneLightArg = Annotated[
     FlagCreatePairsOff[bool],
     option(help="All photos, or frames, were taken under one light: predict it from them together."),
 ]
-_BackgroundArg = Annotated[
-    bool, option(help="Use what photos show around the object; not for photos close to a wall or a table.")
-]
-_SourcesArg = Annotated[bool, option(help="Look for suns and lamps, some .3 s a photo.")]
 _EveryArg = Annotated[
-    int | None,
-    option(metavar="N", help="Predict from every Nth frame of a video; by default from every tenth."),
+    int | None, option(metavar="N", help=f"Predict from every Nth frame of a video; by default {EVERY}.")
 ]
+_OPTIONS = LightOptions()
 
 
 def predict(
     run: RunArg,
     images: _PhotosArg,
     *,
-    camera: _NewCameraArg = None,
+    camera: FoundCameraArg = None,
     output: _MapArg = None,
-    mask: _MaskArg = None,
-    method: _MethodArg = None,
+    mask: MaskArg = None,
     confidence: _ConfidenceArg = None,
     save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None,
     save_overlay: _SaveOverlayArg = None,
     one_light: _OneLightArg = False,
-    background: _BackgroundArg = True,
     every: _EveryArg = None,
-    size: SizeArg = None,
-    sun: SunArg = Sun.INSIDE,
-    sources: _SourcesArg = True,
+    options: Annotated[LightOptions, arg(name="")] = _OPTIONS,
     settings: Prediction = UNCHANGED,
     device: Device = "auto",
 ) -> None:
@@ -122,131 +94,99 @@ def predict(
       lightprobe predict runs/cup new.jpg --camera new.json --light-resolution 128 --method probe-mlp -o light.exr
       lightprobe predict runs/cup shots/*.png --camera shots/transforms.json --mask shots/masks -o lights
     """
-    located = _wanted(camera, LocationFiles(save_camera, save_mask, save_overlay))
-    height = None if size is None else map_height(size)
-    files = PredictionFiles(camera, mask, output, confidence, located, height, sun, sources)
-    how = _How(method, settings, background, device)
-    video = _video_among(images, every)
-    if video is not None:
-        _predict_video(run, video, files, how, EVERY if every is None else every, one_light)
-    elif one_light:
-        _tell_joint(predict_one_light(run, images, files, **vars(how)), run, method)
-    else:
-        predictions = predict_photos(run, images, files, **vars(how))
-        _tell_untrained(predictions.trained, run, method)
-        for predicted in predictions:
-            _tell(predicted)
-            _tell_known(predicted, located)
-
-
-@dataclass(frozen=True)
-class _How:
-    """What all ways of predicting take."""
-
-    method: Method | None
-    settings: PredictionOptions
-    background: bool
-    device: str
-
-
-def _video_among(images: Sequence[Path], every: int | None) -> Path | None:
-    """Return the video that is to be predicted from, None if it is photos; raise `ConfigError` for both at
-    once.
-    """
+    location = _location(save_camera, save_mask, save_overlay)
+    if camera is not None and location:
+        raise ConfigError(
+            "--save-camera, --save-mask and --save-overlay write what is found, and --camera gives that; leave it out."
+        )
     video = next((image for image in images if is_video(image)), None)
     if video is not None and len(images) > 1:
         raise ConfigError(f"{video} is a video; predict from it alone, or from photos.")
     if video is None and every is not None:
         raise ConfigError("--every is about a video's frames; leave it out.")
-    return video
-
-
-def _predict_video(
-    run: Path, video: Path, files: PredictionFiles, how: _How, every: int, one_light: bool
-) -> None:
-    if one_light:
-        _tell_joint(predict_video_light(run, video, files, every=every, **vars(how)), run, how.method)
-        return
-    found = predict_video(run, video, files, every=every, on_photo=_tell, **vars(how))
-    before, after = found.flicker
-    say(
-        f"{len(found.photos)} maps in {found.photos[0].output.parent}; from one to the next ln radiance changes by\n"
-        f"{after:.3f} root mean square, {before:.3f} before they were steadied.",
-        flicker={"before": before, "after": after},
-    )
-    if found.failures is not None:
-        raise InputError(found.failures)
-
-
-def _wanted(camera: Path | None, files: LocationFiles) -> LocationFiles:
-    """Return the files of what is found; raise `ConfigError` where they are named although the camera is
-    given.
-    """
-    if camera is not None and any(files.chosen()):
-        raise ConfigError(
-            "--save-camera, --save-mask and --save-overlay write what is found, and --camera gives that; leave it out."
+    chosen, step = ChosenFiles(output, confidence, location), EVERY if every is None else every
+    requests = [PredictRequest(photo=image, camera=camera, mask=mask, **vars(options)) for image in images]
+    session = Session(run, device, settings)
+    if video is None and not one_light:
+        answers = predict_photos(session, requests, chosen)
+        _tell_untrained(session, options)
+        for answer in answers:
+            _tell(answer)
+            _tell_known(answer, chosen)
+    elif one_light:
+        joint = predict_together(session, requests, chosen, every=step)
+        _tell_untrained(session, options)
+        _tell_joint(joint)
+    else:
+        found = predict_video(session, requests[0], chosen, every=step, on_answer=_tell)
+        before, after = found.flicker
+        say(
+            f"{len(found.answers)} maps in {found.answers[0].files.light.parent}; from one to the next ln radiance "
+            f"changes by\n{after:.3f} root mean square, {before:.3f} before they were steadied.",
+            flicker={"before": before, "after": after},
         )
-    return files
+        if found.failures is not None:
+            raise InputError(found.failures)
 
 
-def _tell_known(predicted: PredictedPhoto, files: LocationFiles) -> None:
+def _location(camera: Path | None, mask: Path | None, overlay: Path | None) -> dict[Output, Path]:
+    chosen = {Output.CAMERA: camera, Output.MASK: mask, Output.OVERLAY: overlay}
+    return {output: path for output, path in chosen.items() if path is not None}
+
+
+def _tell_known(answer: Answer, chosen: ChosenFiles) -> None:
     """Warn where files of what is found are named for a photo in which nothing had to be looked for."""
-    if predicted.location is None and any(files.chosen()):
+    if answer.location is None and chosen.location:
         warnings.warn(
-            f"{predicted.image} is a photo of the run's scene, whose camera is known: nothing was looked for, and "
+            f"{answer.request.photo} is a photo of the run's scene, whose camera is known: nothing was looked for, and "
             "--save-camera, --save-mask and --save-overlay write no file.",
             LightprobeWarning,
             stacklevel=2,
         )
 
 
-def _tell_untrained(trained: bool, run: Path, method: Method | None) -> None:
-    if not trained and method is None:
+def _tell_untrained(session: Session, options: LightOptions) -> None:
+    run = session.run.path
+    if session.predictor.model is None and options.method is None:
         command = f"lightprobe distill {shell_word(run)}"
         say(f"No trained model in {run}, so the light is only solved for; train one with: {command}")
 
 
-def _tell(predicted: PredictedPhoto) -> None:
+def _tell(answer: Answer) -> None:
     """Print where a map is, what it cost and what its photo's verdict is; doubts go to standard error."""
-    if predicted.location is not None:
-        _tell_location(predicted.location)
-    _tell_map(predicted.output, predicted.method, predicted.prediction, "photo", str(predicted.image))
+    if answer.location is not None:
+        _tell_location(answer.location)
+    _tell_map(answer, "photo", str(answer.request.photo))
 
 
-def _tell_joint(joint: JointPrediction, run: Path, method: Method | None) -> None:
+def _tell_joint(joint: JointAnswer) -> None:
     """Print the same of a map of several photos, their exposures, and which of them did not serve.
 
     Raises `InputError` when some did not.
     """
-    _tell_untrained(joint.trained, run, method)
     for location in joint.locations:
         _tell_location(location)
-    _tell_map(joint.output, joint.method, joint.prediction, "photos", "the photos together")
+    _tell_map(joint.answer, "photos", "the photos together")
     source = "from EXIF" if joint.measured else "found with the light, as not every photo's EXIF tells it"
-    factors = ", ".join(
-        f"{image.name} {value:.2f}"
-        for image, value in zip(joint.images, joint.exposures.tolist(), strict=True)
+    factors = ", ".join(f"{image.name} {value:.2f}" for image, value in joint.exposures.items())
+    say(
+        f"Exposures relative to the first, {source}: {factors}",
+        exposures={str(image): value for image, value in joint.exposures.items()},
+        left_out={str(image): reason for image, reason in joint.left_out.items()},
     )
-    exposures = dict(zip(map(str, joint.images), joint.exposures.tolist(), strict=True))
-    left_out = {str(image): reason for image, reason in joint.left_out.items()}
-    say(f"Exposures relative to the first, {source}: {factors}", exposures=exposures, left_out=left_out)
     if joint.left_out:
         raise InputError(
             " ".join(f"{image} is not in the map. {reason}" for image, reason in joint.left_out.items())
         )
 
 
-def _tell_map(output: Path, method: Method, prediction: PredictionResult, of: str, source: str) -> None:
-    verdict, seconds = prediction.verdict, prediction.seconds
-    parts = ", ".join(f"{name} {value:.2f} s" for name, value in seconds.items())
-    around = (
-        "" if prediction.background is BackgroundUse.ABSENT else f"; background {prediction.background.value}"
-    )
-    line = f"Environment: {output} ({method.value}; {parts}; {of} {verdict.status.value}{around})"
-    values = {"source": source, "environment": output, "method": method, "seconds": seconds}
-    say_one(
-        "predictions", line, {**values, "verdict": verdict.to_json(), "background": prediction.background}
-    )
+def _tell_map(answer: Answer, of: str, source: str) -> None:
+    prediction, output = answer.prediction, answer.files.light
+    verdict, background = prediction.verdict, prediction.background
+    parts = ", ".join(f"{name} {value:.2f} s" for name, value in prediction.seconds.items())
+    around = "" if background is BackgroundUse.ABSENT else f"; background {background.value}"
+    line = f"Environment: {output} ({answer.method.value}; {parts}; {of} {verdict.status.value}{around})"
+    say_one("predictions", line, {"source": source, "environment": output, **answer.to_json()})
     for sentence in verdict.sentences:
         print(f"lightprobe: warning: {source}: {sentence}", file=sys.stderr)
 
@@ -258,7 +198,7 @@ def locate(
     output: Annotated[
         Path | None, option(aliases=["-o"], metavar="FOLDER", help="Folder for the files.")
     ] = None,
-    mask: _MaskArg = None,
+    mask: MaskArg = None,
     save_camera: _SaveCameraArg = None,
     save_mask: _SaveMaskArg = None,
     save_overlay: _SaveOverlayArg = None,
@@ -275,17 +215,15 @@ def locate(
       lightprobe locate runs/cup new.jpg
       lightprobe locate runs/cup shots/*.jpg -o shots/cameras
     """
-    files = LocationFiles(save_camera, save_mask, save_overlay)
-    for photo in locate_photos(run, images, output, files=files, mask=mask, device=device):
+    location = _location(save_camera, save_mask, save_overlay)
+    for photo in locate_photos(run, images, output, location=location, mask=mask, device=device):
         _tell_location(photo)
 
 
 def _tell_location(photo: LocatedPhoto) -> None:
     """Print where a camera is and what its verdict is; doubts go to standard error."""
-    verdict, camera = photo.located.verdict, photo.located.camera
-    found = f"focal length {camera.fx:.0f} px; {photo.located.seconds:.2f} s; pose {verdict.status.value}"
-    values = {"photo": photo.image, "files": photo.files, "camera": camera.to_json()}
-    values |= {"seconds": photo.located.seconds, "verdict": verdict.to_json()}
-    say_one("cameras", f"Camera: {photo.files.camera} ({found})", values)
-    for sentence in photo.warnings():
+    verdict, focal = photo.located.verdict, photo.located.camera.fx
+    found = f"focal length {focal:.0f} px; {photo.located.seconds:.2f} s; pose {verdict.status.value}"
+    say_one("cameras", f"Camera: {photo.files[Output.CAMERA]} ({found})", photo.to_json())
+    for sentence in photo.warnings:
         print(f"lightprobe: warning: {photo.image}: {sentence}", file=sys.stderr)

@@ -7,11 +7,12 @@ is one small file.
 """
 
 import io
+import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, fields
 from enum import StrEnum
-from typing import Any, get_type_hints
+from typing import Any, TypeVar, get_type_hints
 
 import numpy as np
 
@@ -20,8 +21,8 @@ from lightprobe.core.extras import extra_library
 from lightprobe.fleet.storage import Place
 
 FOLDER = "index"
-_ROWS, _SECONDS = 20_000, 30.0  # of a part, whichever comes first
-_PART = "part-"
+_ROWS = 20_000  # of a part
+_PART = re.compile(r"part-(\d+)\.parquet")
 
 
 class State(StrEnum):
@@ -35,7 +36,7 @@ class State(StrEnum):
 class PhotoRow:
     """What became of a photo; all but the first five are null where it failed."""
 
-    row: int  # of the file of jobs
+    row: int  # of the table of photos
     run: str
     photo: str
     state: str  # of `State`
@@ -66,30 +67,31 @@ class SceneRow:
     object: float | None = None  # mean PSNR of the test photos
 
 
-Row = PhotoRow | SceneRow
+Row = TypeVar("Row", PhotoRow, SceneRow)
 
 
 def encode(rows: Iterable[Row], kind: type[Row]) -> bytes:
     """Return rows as a Parquet file, in the order of their first column."""
     arrow = extra_library("pyarrow", "An index", "cluster")
     parquet = extra_library("pyarrow.parquet", "An index", "cluster")
-    names = [field.name for field in fields(kind)]
-    ordered = sorted((asdict(row) for row in rows), key=lambda row: row[names[0]])
-    columns = {name: [row[name] for row in ordered] for name in names}
+    first = fields(kind)[0].name
+    ordered = sorted(map(asdict, rows), key=lambda row: row[first])
     written = io.BytesIO()
-    parquet.write_table(arrow.table(columns, schema=_schema(kind)), written, compression="zstd")
+    parquet.write_table(arrow.Table.from_pylist(ordered, _schema(kind)), written, compression="zstd")
     return written.getvalue()
 
 
-def decode(
-    data: bytes, place: Place, kind: type[Row], columns: list[str] | None = None
-) -> dict[str, list[Any]]:
-    """Return the columns of an index file, or raise `InputError` naming it where it cannot be used."""
+def decode(place: Place, kind: type[Row]) -> list[Row]:
+    """Return the rows of an index file, or raise `InputError` naming it where it cannot be used."""
+    return [kind(**row) for row in _columns(place, kind).to_pylist()]
+
+
+def _columns(place: Place, kind: type[Row], names: list[str] | None = None) -> Any:
+    """Return an index file, or some of its columns, as a table of Arrow; errors as `decode`."""
     parquet = extra_library("pyarrow.parquet", "An index", "cluster")
-    names = columns or [field.name for field in fields(kind)]
+    data, schema = place.read(), _schema(kind)
     try:
-        table = parquet.read_table(io.BytesIO(data), columns=names, schema=_schema(kind))
-        return table.to_pydict()
+        return parquet.read_table(io.BytesIO(data), columns=names or schema.names, schema=schema)
     except Exception as error:  # Arrow has many kinds for damage
         said = str(error).strip().split("\n")[0].rstrip(".")
         raise InputError(
@@ -101,43 +103,43 @@ def _schema(kind: type[Row]) -> Any:
     arrow = extra_library("pyarrow", "An index", "cluster")
     types = {int: arrow.int64(), float: arrow.float32(), str: arrow.string()}
     hints = get_type_hints(kind)
-    plain = {
-        name: next(each for each in types if each is hint or each in getattr(hint, "__args__", ()))
-        for name, hint in hints.items()
-    }
-    return arrow.schema([(name, types[found]) for name, found in plain.items()])
+    return arrow.schema(
+        [(name, types[getattr(hint, "__args__", (hint,))[0]]) for name, hint in hints.items()]
+    )
 
 
 class PhotoIndex:
     """The index of predictions, which one process at a time writes."""
 
-    def __init__(self, output: Place, rows: int, clock: Callable[[], float] = time.monotonic):
-        """Read which of the `rows` are there; raise `InputError` for a damaged part."""
-        self._folder, self._clock = output.child(FOLDER), clock
+    def __init__(self, output: Place, rows: int, every: float = 30.0):
+        """Read which of the `rows` are there; raise `InputError` for a damaged part.
+
+        every: seconds after which a part is written, if it has not enough rows before.
+        """
+        self._folder, self._every = output.child(FOLDER), every
         self.done = np.zeros(rows, bool)
         self.failed = 0
-        self._next, self._held, self._since = 0, list[PhotoRow](), clock()
-        for part in self._parts():
-            columns = decode(part.read(), part, PhotoRow, ["row", "state"])
-            self._note(part, np.array(columns["row"], np.int64))
+        self._next, self._held, self._since = 0, list[PhotoRow](), time.monotonic()
+        for number, part in self._parts().items():
+            columns = _columns(part, PhotoRow, ["row", "state"]).to_pydict()
+            known = np.array(columns["row"], np.int64)
+            if len(known) and not 0 <= known.min() <= known.max() < rows:
+                raise InputError(
+                    f"{part} has rows that the table of photos does not have; choose another folder with -o."
+                )
+            self.done[known] = True
             self.failed += columns["state"].count(State.FAILED.value)
-            self._next = max(self._next, int(part.name[len(_PART) : -len(".parquet")]) + 1)
+            self._next = max(self._next, number + 1)
 
-    def _parts(self) -> list[Place]:
-        names = [
-            name for name in self._folder.names() if name.startswith(_PART) and name.endswith(".parquet")
-        ]
-        odd = next((name for name in names if not name[len(_PART) : -len(".parquet")].isdecimal()), None)
-        if odd is not None:
-            raise InputError(f"{self._folder}/{odd} is no part of the index; remove it.")
-        return [self._folder.child(name) for name in names]
-
-    def _note(self, part: Place, rows: np.ndarray) -> None:
-        if len(rows) and not 0 <= rows.min() <= rows.max() < len(self.done):
-            raise InputError(
-                f"{part} has rows that the file of jobs does not have; choose another folder with -o."
-            )
-        self.done[rows] = True
+    def _parts(self) -> dict[int, Place]:
+        found = dict[int, Place]()
+        for name in self._folder.names():
+            number = _PART.fullmatch(name)
+            if number is None and name.startswith("part-"):
+                raise InputError(f"{self._folder}/{name} is no part of the index; remove it.")
+            if number is not None:
+                found[int(number[1])] = self._folder.child(name)
+        return found
 
     @property
     def count(self) -> int:
@@ -146,12 +148,8 @@ class PhotoIndex:
 
     def forget_failures(self) -> None:
         """Drop the rows of photos that failed, so that they are tried again."""
-        for part in self._parts():
-            columns = decode(part.read(), part, PhotoRow)
-            rows = [
-                PhotoRow(**dict(zip(columns, values, strict=True)))
-                for values in zip(*columns.values(), strict=True)
-            ]
+        for part in self._parts().values():
+            rows = decode(part, PhotoRow)
             kept = [row for row in rows if row.state != State.FAILED]
             if len(kept) == len(rows):
                 continue
@@ -167,16 +165,16 @@ class PhotoIndex:
             self.done[row.row] = True
             self.failed += row.state == State.FAILED
             self._held.append(row)
-        if len(self._held) >= _ROWS or self._clock() - self._since >= _SECONDS:
+        if len(self._held) >= _ROWS or time.monotonic() - self._since >= self._every:
             self.flush()
 
     def flush(self) -> None:
         """Write the rows that are held as a part of their own."""
         if self._held:
-            part = self._folder.child(f"{_PART}{self._next:06d}.parquet")
+            part = self._folder.child(f"part-{self._next:06d}.parquet")
             part.write(encode(self._held, PhotoRow))
             self._next, self._held = self._next + 1, []
-        self._since = self._clock()
+        self._since = time.monotonic()
 
 
 class SceneIndex:
@@ -187,13 +185,8 @@ class SceneIndex:
     def __init__(self, output: Place):
         """Read it, if it is there."""
         self._file = output.child(self.NAME)
-        self.rows: dict[str, SceneRow] = {}
-        if self._file.exists():
-            columns = decode(self._file.read(), self._file, SceneRow)
-            found = (
-                dict(zip(columns, values, strict=True)) for values in zip(*columns.values(), strict=True)
-            )
-            self.rows = {row["scene"]: SceneRow(**row) for row in found}
+        rows = decode(self._file, SceneRow) if self._file.exists() else []
+        self.rows = {row.scene: row for row in rows}
 
     def put(self, row: SceneRow) -> None:
         """Take a scene's row in the place of an earlier one, and write the file."""

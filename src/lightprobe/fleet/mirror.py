@@ -9,43 +9,37 @@ cannot be read without.
 
 import os
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from lightprobe.core.checkpoint import STATE
 from lightprobe.fleet.storage import Place
 from lightprobe.preparation import HIDDEN
-from lightprobe.runs.progress import OnProgress
 
-_SECONDS = 60.0  # between two looks for changed files: the most that a dead machine costs beside a checkpoint's steps
 _LEFT_OUT = ("predictions/", "report/", "oracle/")
 
 
 class Mirror:
     """A run's folder here and in an object store."""
 
-    def __init__(self, folder: Path, remote: Place, clock: Callable[[], float] = time.monotonic):
-        """Bring what there is of the run at `remote` into `folder`, unless it is of this machine itself."""
-        self.folder, self._remote, self._clock = folder, remote, clock
+    def __init__(self, folder: Path, remote: Place, every: float = 60.0):
+        """Bring what there is of the run at `remote` into `folder`.
+
+        every: seconds between two looks for changed files, the most that a dead machine costs beside a
+        checkpoint's steps.
+        """
+        self.folder, self._remote, self._every = folder, remote, every
         if remote.files():
             remote.fetch_folder(folder, _LEFT_OUT)
         self._sent = self._stamps()
-        self._last = clock()
+        self._last = time.monotonic()
 
-    def watching(self, on_progress: OnProgress) -> OnProgress:
-        """Return an `OnProgress` that also sends what has changed, now and then."""
-
-        def update(stage: str, done: int, total: int, note: str = "") -> None:
-            on_progress(stage, done, total, note)
-            if self._clock() - self._last >= _SECONDS:
-                self.send()
-
-        return update
+    def on_progress(self, stage: str, done: int, total: int, note: str = "") -> None:
+        """Send what has changed, now and then; an `OnProgress`."""
+        if time.monotonic() - self._last >= self._every:
+            self.send()
 
     def send(self) -> None:
-        """Send all files that are new or have changed, in the order of their writing; then remove what is
-        gone.
-        """
+        """Send all files that are new or have changed, in the order of writing; then remove what is gone."""
         now = self._stamps()
         changed = [name for name in now if self._sent.get(name) != now[name]]
         for name in changed:
@@ -55,7 +49,7 @@ class Mirror:
             self._remote.child(*name.split("/")).write((self.folder / name).read_bytes())
         for name in self._sent.keys() - now.keys():
             self._remote.child(*name.split("/")).remove()
-        self._sent, self._last = now, self._clock()
+        self._sent, self._last = now, time.monotonic()
 
     def _stamps(self) -> dict[str, tuple[int, int]]:
         """Return time of writing and size of every file, by its path in the folder.

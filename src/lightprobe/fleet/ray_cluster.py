@@ -102,12 +102,13 @@ class RayExecutor:
         except self._ray.exceptions.RayError as error:
             return Outcome(task, None, _reason(error, needs))
 
+    def _machines(self) -> list[dict[str, float]]:
+        return [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
+
     def _check(self, needs: Needs) -> None:
-        nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-        if not any(_tasks_on(node, needs) for node in nodes):
-            most = max(
-                (node.get("CPU", 0.0), node.get("GPU", 0.0), node.get("memory", 0.0)) for node in nodes
-            )
+        machines = self._machines()
+        if not any(_tasks_on(machine, needs) for machine in machines):
+            most = max(tuple(one.get(name, 0.0) for name in ("CPU", "GPU", "memory")) for one in machines)
             raise ResourceError(
                 f"No machine has what a task needs, {needs.cpus:g} CPUs, {needs.gpus:g} GPUs and {needs.memory:g} GiB; "
                 f"the largest has {most[0]:g}, {most[1]:g} and {most[2] / 2**30:.1f}: change --needs."
@@ -116,18 +117,15 @@ class RayExecutor:
     def _fit(self, needs: Needs) -> int:
         """Return how many tasks can run at once, at least one; machines may come and go meanwhile."""
         if time.monotonic() - self._looked >= _SIZE_SECONDS:
-            nodes = [node["Resources"] for node in self._ray.nodes() if node["Alive"]]
-            self._looked, self._slots = (
-                time.monotonic(),
-                max(1, sum(_tasks_on(node, needs) for node in nodes)),
-            )
+            self._looked = time.monotonic()
+            self._slots = max(1, sum(_tasks_on(machine, needs) for machine in self._machines()))
         return self._slots
 
 
-def _tasks_on(node: dict[str, float], needs: Needs) -> int:
+def _tasks_on(machine: dict[str, float], needs: Needs) -> int:
     """Return how many tasks a machine with these resources can run at once."""
     wanted = {"CPU": needs.cpus, "GPU": needs.gpus, "memory": needs.memory * 2**30}
-    return int(min(node.get(name, 0.0) // amount for name, amount in wanted.items() if amount > 0))
+    return int(min(machine.get(name, 0.0) // amount for name, amount in wanted.items() if amount > 0))
 
 
 def _reason(error: Exception, needs: Needs) -> str:

@@ -15,40 +15,36 @@ _LARGEST = 2**20  # bytes of a record
 
 
 @contextlib.contextmanager
-def held(output: Place) -> Iterator[None]:
-    """Hold a folder of results, where this machine has it; an object store has no locks.
+def held(output: Place, record: dict[str, Any], *, alone: bool) -> Iterator[None]:
+    """Hold a folder of results, where this machine has it, once what the results are of is known to be `record`.
 
-    Raises `LockedError` when another fleet writes it.
+    An object store has no locks. alone: whether a new folder has to be empty. Raises `BusyError` when another
+    fleet writes it, `ConfigError` where the results that lie there are of something else, `InputError` for a
+    damaged record.
     """
     if output.local is None:
+        _check_record(output, record, alone)
         yield
         return
     with disk_errors(output.local):
         output.local.mkdir(parents=True, exist_ok=True)
-    with locked_file(
-        output.local / ".fleet.lock", f"{output} is being written by another fleet; wait for it to end."
-    ):
+    busy = f"{output} is being written by another fleet; wait for it to end."
+    with locked_file(output.local / ".fleet.lock", busy):
+        _check_record(output, record, alone)
         yield
 
 
-def check_record(output: Place, record: dict[str, Any], *, alone: bool) -> None:
-    """Write what the results are of, or raise `ConfigError` where those that lie there are of something else.
-
-    alone: whether a new folder has to be empty. Raises `InputError` for a damaged record.
-    """
-    file = output.child(RECORD)
+def _check_record(output: Place, record: dict[str, Any], alone: bool) -> None:
+    file, given = output.child(RECORD), plain(record)
     if not file.exists():
         if alone and output.names():
             raise ConfigError(f"{output} is not empty and no fleet's; choose another folder with -o.")
-        file.write((json.dumps(plain(record), indent=2) + "\n").encode())
+        file.write((json.dumps(given, indent=2) + "\n").encode())
         return
     try:
         stored = json.loads(file.read(_LARGEST))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file} is damaged; choose another folder with -o.") from error
-    given = plain(record)
-    if isinstance(stored, dict):  # of an earlier version, which did not record all of it
-        given = {key: value for key, value in given.items() if key in stored}
     difference = first_difference(stored, given, "fleet")
     if difference:
         key, old, new = difference

@@ -4,9 +4,7 @@ A file appears whole or not at all: on this machine by a rename, in an object st
 there. The kinds of URL are few on purpose: fsspec also knows some that run commands or unpack archives.
 """
 
-import contextlib
 import os
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,7 +41,9 @@ class Place:
             )
         protocol, found, path = given.partition("://")
         if not found:
-            return _relative(given, beside)
+            if beside is None or beside.protocol == _HERE or os.path.isabs(given):
+                return Place(_HERE, os.path.abspath(os.path.join(beside.path if beside else "", given)))
+            return Place.of(f"{beside}/{given}")
         if "::" in given or protocol not in (_HERE, *_STORES):
             known = ", ".join(f"{kind}://" for kind in (_HERE, *_STORES))
             raise InputError(f"'{shown(given)}' cannot be read: URLs may begin with {known}.")
@@ -82,70 +82,53 @@ class Place:
 
     def exists(self) -> bool:
         """Return whether there is a file or folder."""
-        if self.local is not None:
-            return self.local.exists()
-        with self._errors():
-            return bool(self._store().exists(self.path))
+        return self.local.exists() if self.local is not None else bool(self._remote("exists", self.path))
+
+    def is_folder(self) -> bool:
+        """Return whether there is a folder."""
+        return self.local.is_dir() if self.local is not None else bool(self._remote("isdir", self.path))
 
     def read(self, largest: int = LARGEST_MODEL) -> bytes:
         """Return a file's bytes; raise `InputError` when there is none or it has more than `largest`."""
         if self.local is not None:
             check_file(self.local, largest)
             return self.local.read_bytes()
-        with self._errors():
-            store = self._store()
-            size = store.info(self.path).get("size") or 0
-            if size > largest:
-                raise InputError(
-                    f"{self} has {size / 1e9:.1f} GB, more than the {largest / 1e9:.1f} GB that are read."
-                )
-            return store.cat_file(self.path)
+        size = self._remote("info", self.path).get("size") or 0
+        if size > largest:
+            raise InputError(
+                f"{self} has {size / 1e9:.1f} GB, more than the {largest / 1e9:.1f} GB that are read."
+            )
+        data: bytes = self._remote("cat_file", self.path)
+        return data
 
     def write(self, data: bytes) -> None:
         """Write a file, whole or not at all, and the folders that it lies in."""
-        if self.local is not None:
-            write_bytes(self.local, data)
-            return
-        with self._errors():
-            self._store().pipe_file(self.path, data)
+        write_bytes(self.local, data) if self.local is not None else self._remote(
+            "pipe_file", self.path, data
+        )
 
     def remove(self) -> None:
         """Remove a file, if there is one."""
         if self.local is not None:
             remove(self.local)
-            return
-        with self._errors(), contextlib.suppress(FileNotFoundError):
-            self._store().rm_file(self.path)
+        elif self.exists():
+            self._remote("rm_file", self.path)
 
     def names(self) -> list[str]:
         """Return the names in a folder in order, without hidden ones; none where there is no such folder."""
+        if not self.is_folder():
+            return []
         if self.local is not None:
-            if not self.local.is_dir():
-                return []
             with disk_errors(self.local):
                 found = os.listdir(self.local)
         else:
-            with self._errors():
-                try:
-                    paths = self._store().ls(self.path, detail=False)
-                except FileNotFoundError:
-                    return []
+            paths = self._remote("ls", self.path, detail=False)
             found = [path.rstrip("/").rpartition("/")[2] for path in paths if path.strip("/") != self.path]
         return sorted(name for name in found if name and not name.startswith("."))
 
-    def is_folder(self) -> bool:
-        """Return whether something lies in it."""
-        if self.local is not None:
-            return self.local.is_dir()
-        with self._errors():
-            return bool(self._store().isdir(self.path))
-
-    def files(self) -> dict[str, int]:
-        """Return the files of an object store below a folder, by relative path, with their bytes."""
-        with self._errors():
-            found = self._store().find(self.path, detail=True)
-        start = len(self.path) + 1
-        return {path.strip("/")[start:]: int(entry.get("size") or 0) for path, entry in found.items()}
+    def files(self) -> list[str]:
+        """Return the relative paths of the files of an object store below a folder."""
+        return [path.strip("/")[len(self.path) + 1 :] for path in self._remote("find", self.path)]
 
     def fetch(self, to: Path, largest: int = LARGEST_MODEL) -> Path:
         """Return the path of a file on this machine: its own, or `to` after copying it there."""
@@ -173,21 +156,17 @@ class Place:
 
     def parquet(self) -> Any:
         """Return what pyarrow reads a file from: its path, or an open file of the object store."""
-        if self.local is not None:
-            check_file(self.local, 2**40)
-            return str(self.local)
-        with self._errors():
-            return self._store().open(self.path, "rb")
+        if self.local is None:
+            return self._remote("open", self.path, "rb")
+        check_file(self.local, 2**40)
+        return str(self.local)
 
-    def _store(self) -> Any:
-        fsspec = extra_library("fsspec", "An object store", "cluster")
-        return fsspec.filesystem(self.protocol, use_listings_cache=False)
-
-    @contextlib.contextmanager
-    def _errors(self) -> Iterator[None]:
-        """Turn what object stores raise into a sentence."""
+    def _remote(self, method: str, *arguments: Any, **options: Any) -> Any:
+        """Return what a method of the object store's filesystem does; its errors become sentences."""
         try:
-            yield
+            fsspec = extra_library("fsspec", "An object store", "cluster")
+            store = fsspec.filesystem(self.protocol, use_listings_cache=False)
+            return getattr(store, method)(*arguments, **options)
         except LightprobeError:
             raise
         except FileNotFoundError as error:
@@ -200,11 +179,3 @@ class Place:
         except Exception as error:  # each store has errors of its own, from wrong keys to broken networks
             said = str(error).strip().split("\n")[0] or type(error).__name__
             raise ResourceError(f"{self} cannot be reached: {said.rstrip('.')}.") from error
-
-
-def _relative(text: str, beside: Place | None) -> Place:
-    if beside is None or os.path.isabs(text):
-        return Place(_HERE, os.path.abspath(text))
-    if beside.protocol == _HERE:
-        return Place(_HERE, os.path.abspath(os.path.join(beside.path, text)))
-    return Place.of(f"{beside}/{text}")

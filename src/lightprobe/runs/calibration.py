@@ -27,15 +27,17 @@ from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
 from lightprobe.imaging import LUMA
+from lightprobe.jobs.files import BY_NAME
+from lightprobe.jobs.light_files import whole_light
+from lightprobe.jobs.photos import NewPhoto, known_photo, read_photo
+from lightprobe.jobs.request import PredictRequest
+from lightprobe.jobs.session import load_locator
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import USUAL_MEAN, tone_map
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration, is_plausible
 from lightprobe.prediction import Predictor
 from lightprobe.render.asset import rasterize_asset
-from lightprobe.runs.light_files import whole_light
-from lightprobe.runs.locations import LocationFiles, photo_mask
-from lightprobe.runs.new_photos import NewPhoto, NewPhotos, PhotoFiles, load_locator
 from lightprobe.scene.camera import Camera
 
 _ROUNDS = 3  # of a factor that also changes what the object reflects onto itself
@@ -47,6 +49,7 @@ _MOST = 2**20  # pixels of the object in a photo, about: larger photos are reduc
 # factors are off in colour; of 18 under others' 14 below.
 _LITTLE = 0.4  # share of a photo's contrast below which a known light is hardly its own
 _FEWEST = 16  # pixels that a light is compared on
+_UP = torch.tensor([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,8 @@ def calibrate_by_light(
     photo: Path,
     environment: Path,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     device: str | torch.device = "auto",
 ) -> Calibration:
     """Find and store a run's calibration by a photo under a known light, a map in the photo's exposure.
@@ -74,21 +77,26 @@ def calibrate_by_light(
     """
     opened = _Opened.of(run, photo, camera, mask, device)
     light = whole_light(environment, opened.device)
-    factor = torch.ones(3)
-    decomposition, seen = opened.decomposition, opened.photo
+    factor, decomposition, pixels = torch.ones(3), opened.decomposition, opened.photo.pixels
     for _ in range(_ROUNDS):
-        asset = _calibration(factor, "").applied(decomposition.asset)
-        image, cover = relight(replace(decomposition, asset=asset), light, seen.pixel_camera)
-        inside = (cover.cpu() > _OPAQUE) & (torch.from_numpy(seen.pixels.alpha) > _OPAQUE)
-        whole = inside & ~torch.from_numpy(seen.pixels.clipped).any(-1)
+        asset = Calibration(_rgb(factor), "").applied(decomposition.asset)
+        image, cover = relight(replace(decomposition, asset=asset), light, opened.photo.pixel_camera)
+        inside = (cover.cpu() > _OPAQUE) & (torch.from_numpy(pixels.alpha) > _OPAQUE)
+        whole = inside & ~torch.from_numpy(pixels.clipped).any(-1)
         if int(whole.sum()) < _FEWEST:
             raise InputError(
                 f"{photo} shows too little of the object that is not clipped; expose it for the object."
             )
-        factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
-    explained = _explained(image.cpu()[whole], torch.from_numpy(seen.pixels.color)[whole])
+        factor = factor * _median_ratio(image.cpu()[whole], torch.from_numpy(pixels.color)[whole])
     found = _stored(opened.run, factor, f"{photo.name} under {environment.name}")
-    _warn_unexplained(explained, photo, environment)
+    explained = _explained(image.cpu()[whole], torch.from_numpy(pixels.color)[whole])
+    if explained < _LITTLE:
+        warnings.warn(
+            f"The object under {environment.name} explains only {100 * max(explained, 0):.0f} % of what {photo.name} "
+            "shows of it, so this calibration is doubtful: are light and camera this photo's own?",
+            LightprobeWarning,
+            stacklevel=2,
+        )
     return found
 
 
@@ -102,26 +110,13 @@ def _explained(render: Tensor, photo: Tensor) -> float:
     return 1 - float((shown - seen).square().mean() / (seen - seen.mean(0)).square().mean().clamp(min=1e-9))
 
 
-def _warn_unexplained(explained: float, photo: Path, environment: Path) -> None:
-    """Warn where a light explains little of a photo: it or the camera may be another one's, or the object
-    poor.
-    """
-    if explained < _LITTLE:
-        warnings.warn(
-            f"The object under {environment.name} explains only {100 * max(explained, 0):.0f} % of what {photo.name} "
-            "shows of it, so this calibration is doubtful: are light and camera this photo's own?",
-            LightprobeWarning,
-            stacklevel=3,
-        )
-
-
 def calibrate_by_albedo(
     run: Path,
     photo: Path,
     point: Point,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     up: bool = False,
     device: str | torch.device = "auto",
 ) -> Calibration:
@@ -132,15 +127,11 @@ def calibrate_by_albedo(
     """
     opened = _Opened.of(run, photo, camera, mask, device)
     alpha = opened.photo.pixels.alpha
-    patch = _patch(opened.photo.camera, alpha.shape, point)
-    albedo = torch.tensor(point.albedo)
-    gbuffer = rasterize_asset(
-        opened.decomposition.asset,
-        opened.photo.pixel_camera.normalised(opened.decomposition.similarity),
-        opened.device,
-    )
+    albedo, decomposition = torch.tensor(point.albedo), opened.decomposition
+    (x, y), patch = _patch(opened.photo.camera, alpha.shape, point)
+    camera_there = opened.photo.pixel_camera.normalised(decomposition.similarity)
+    gbuffer = rasterize_asset(decomposition.asset, camera_there, opened.device)
     chosen = torch.from_numpy(np.isin(gbuffer.pixel.cpu().numpy(), np.flatnonzero(patch)))
-    x, y = _place(opened.photo.camera, alpha.shape, point)
     # A card may stand beside the object, closer than a patch is wide, or in front of it, where the mask
     # leaves it out.
     cover = alpha[min(int(y), len(alpha) - 1), min(int(x), alpha.shape[1] - 1)]
@@ -152,16 +143,17 @@ def calibrate_by_albedo(
     if cover >= _OPAQUE:
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
-    around = opened.photos.surroundings(0, opened.photo)
+    around = opened.photo.surroundings()
     rows, columns = (np.arange(n) * m // n for n, m in zip(around.shape, alpha.shape, strict=False))
-    patch = _patch(opened.photo.camera, around.shape[:2], point) & (alpha[rows][:, columns] <= 1 - _OPAQUE)
-    value = torch.from_numpy(np.median(around[patch], axis=0)).float()
+    _, patch = _patch(opened.photo.camera, around.shape[:2], point)
+    beside = patch & (alpha[rows][:, columns] <= 1 - _OPAQUE)
+    value = torch.from_numpy(np.median(around[beside], axis=0)).float()
     if bool((value >= 0.98).any()) or bool((value <= 0).any()):
         raise InputError(
             f"The pixels of {photo} at {point.x:g},{point.y:g} are black or clipped; expose for the card."
         )
-    normal = torch.tensor([0.0, 0.0, 1.0]) if up else _towards_camera(opened.photo.camera)
-    received = _irradiance(opened.predicted(), normal)
+    towards_camera = torch.from_numpy(opened.photo.camera.camera_to_world[:3, 2].copy()).float()
+    received = _irradiance(opened.predicted(), _UP if up else towards_camera)
     return _stored(opened.run, math.pi * value / (albedo * received), f"a card in {photo.name}")
 
 
@@ -170,8 +162,8 @@ def calibrate_by_meter(
     photo: Path,
     lux: float,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     device: str | torch.device = "auto",
 ) -> Calibration:
     """Find and store a run's calibration by a light meter's reading beside the object, its sensor facing up.
@@ -187,7 +179,7 @@ def calibrate_by_meter(
             f"{photo} does not tell its exposure (time, f-number and ISO in EXIF), which a meter's reading needs; "
             "calibrate with a grey card (--albedo) instead."
         )
-    received = float(_irradiance(opened.predicted(), torch.tensor([0.0, 0.0, 1.0])) @ torch.from_numpy(LUMA))
+    received = float(_irradiance(opened.predicted(), _UP) @ torch.from_numpy(LUMA))
     return _stored(opened.run, torch.full((3,), lux / (unit * received)), f"{lux:g} lux beside {photo.name}")
 
 
@@ -202,10 +194,9 @@ def reset_calibration(run_folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class _Opened:
-    """A run in its own gauge, and a photo of its object."""
+    """A run before any calibration, and a photo of its object."""
 
     run: RunFolder
-    photos: NewPhotos  # the one photo, for what is around the object
     photo: NewPhoto
     decomposition: Decomposition
     device: torch.device
@@ -215,41 +206,39 @@ class _Opened:
         folder: Path, image: Path, camera: Path | None, mask: Path | None, device: str | torch.device
     ) -> "_Opened":
         run, where = RunFolder.open(folder), resolve_device(device)
-        found = LocationFiles().within(run.path / "predictions", image)
-        photos = NewPhotos(run, [PhotoFiles(image, photo_mask(image, mask), found)], camera, False)
-        photos.read_within(_MOST)
         decomposition = Decomposition.load(run, where, calibrated=False)
-        if photos.lack_cameras:
-            photos.locate_with(load_locator(run, Predictor(decomposition, device=where)))
-        return _Opened(run, photos, photos.read(0), decomposition, where)
+        request = PredictRequest(photo=image, camera=camera, mask=mask, background=False)
+        photo = read_photo(
+            request,
+            known_photo(run, request),
+            BY_NAME.location_of(run.path / "predictions", image),
+            lambda: load_locator(run, Predictor(decomposition, device=where)),
+            _MOST,
+        )
+        return _Opened(run, photo, decomposition, where)
 
     def predicted(self) -> Tensor:
-        """Return the light (6, R, R, 3) that the run finds in the photo, in its own gauge."""
+        """Return the light (6, R, R, 3) that the run finds in the photo, before any calibration."""
         found = Predictor.load(self.run.path, self.device).predict(self.photo.pixels, self.photo.pixel_camera)
         light = found.environment.texels.cpu()
         return light if found.calibration is None else light / found.calibration.tensor()
 
 
-def _patch(whole: Camera, shape: tuple[int, ...], point: Point) -> np.ndarray:
-    """Return the pixels (H, W) bool of a reduced photo around a point; raise `ConfigError` when it is not in
-    the photo.
+def _patch(whole: Camera, shape: tuple[int, ...], point: Point) -> tuple[tuple[float, float], np.ndarray]:
+    """Return a point's x and y in pixels of a reduced photo (H, W), and the pixels (H, W) bool around the point.
 
-    whole: the camera of the photo at its own size, which the point is given in.
+    whole: the camera of the photo at its own size, which the point is given in. Raises `ConfigError` when the
+    point is not in the photo.
     """
     height, width = shape
     if not (0 <= point.x < whole.width and 0 <= point.y < whole.height):
         raise ConfigError(
             f"--at {point.x:g},{point.y:g} is outside of the photo, which is {whole.width} x {whole.height} pixels."
         )
-    x, y = _place(whole, shape, point)
+    x, y = point.x * width / whole.width, point.y * height / whole.height
     reach = max(1.0, _PATCH * max(height, width))
     near = np.abs(np.arange(height) + 0.5 - y) <= reach, np.abs(np.arange(width) + 0.5 - x) <= reach
-    return near[0][:, None] & near[1]
-
-
-def _place(whole: Camera, shape: tuple[int, ...], point: Point) -> tuple[float, float]:
-    """Return a point's x and y in pixels of a reduced photo (H, W)."""
-    return point.x * shape[1] / whole.width, point.y * shape[0] / whole.height
+    return (x, y), near[0][:, None] & near[1]
 
 
 def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:
@@ -262,10 +251,6 @@ def _median_ratio(render: Tensor, photo: Tensor) -> Tensor:
     return (render[usable] / photo[usable]).median(0).values.float()
 
 
-def _towards_camera(camera: Camera) -> Tensor:
-    return torch.from_numpy(camera.camera_to_world[:3, 2].copy()).float()
-
-
 def _irradiance(light: Tensor, normal: Tensor) -> Tensor:
     """Return the irradiance (3,) of a surface with a unit normal (3,) under a light (6, R, R, 3)."""
     resolution = light.shape[1]
@@ -273,22 +258,20 @@ def _irradiance(light: Tensor, normal: Tensor) -> Tensor:
     return (light * cosine[..., None]).sum((0, 1, 2))
 
 
-def _calibration(factor: Tensor, source: str) -> Calibration:
-    r, g, b = (float(value) for value in factor)
-    return Calibration((r, g, b), source)
+def _rgb(factor: Tensor) -> tuple[float, float, float]:
+    r, g, b = factor.tolist()
+    return r, g, b
 
 
 def _stored(run: RunFolder, factor: Tensor, source: str) -> Calibration:
-    """Write the calibration into the run and return it; raise `InputError` when no run could be off by so
-    much.
-    """
+    """Write and return the calibration; raise `InputError` when no run could be off by so much."""
     if not is_plausible(factor.tolist()):
         numbers = ", ".join(f"{value:.3g}" for value in factor.tolist())
         raise InputError(
             f"The run's brightness would be off by {numbers}, which cannot be: check the photo, its camera and what is "
             "known of it, and that the light is in the photo's exposure."
         )
-    found = _calibration(factor, source)
+    found = Calibration(_rgb(factor), source)
     with writing(run):
         found.save(run.calibration_file)
     return found

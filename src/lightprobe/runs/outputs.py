@@ -14,8 +14,8 @@ from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
 from lightprobe.export.bundle import write_addon
 from lightprobe.export.usd import check_usd
+from lightprobe.jobs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.models import Decomposition
-from lightprobe.runs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
 from lightprobe.scene.record import read_record
@@ -101,7 +101,7 @@ def export_run(
 
     Blender's add-on that imports them, lightprobe_import.py, is among them.
     The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and
-    lamps (`runs.light_files`), unless `sun` leaves them inside the map. height, usd: as in
+    lamps (`jobs.light_files`), unless `sun` leaves them inside the map. height, usd: as in
     `export.bundle.export`. Raises `InputError` for a run or map that cannot be used, `ConfigError` for a
     folder with files.
     """

@@ -1,4 +1,4 @@
-"""Predictions over HTTP for other programs (`lightprobe serve`), and what every server of this project needs."""
+"""Predictions over HTTP for other programs (`lightprobe serve`)."""
 
 from lightprobe.service.server import serve
 

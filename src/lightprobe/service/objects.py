@@ -1,37 +1,44 @@
-"""The objects of a folder of runs, found by their names in its listing: no name of a request ever becomes a
-path.
-"""
+"""The objects of a folder of runs, found by their names in its listing: no name of a request becomes a path."""
 
 import os
-import threading
-import time
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from lightprobe.core.errors import InputError
+from pydantic import BaseModel
+
+from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import disk_errors
 from lightprobe.core.run import RunFolder
-from lightprobe.service.errors import UnknownObjectError
-
-_FRESH = 2.0  # seconds for which a listing is taken to be what the folder holds
+from lightprobe.web.errors import RefusedError
 
 
-@dataclass(frozen=True)
-class KnownObject:
+class ObjectEntry(BaseModel):
     """An object that light can be predicted with."""
 
     name: str
-    run: RunFolder
+    trained: bool
+    """Whether it has a model; without one the light is only solved for."""
+    locatable: bool
+    """Whether photos without a camera can be taken at once."""
+    calibrated: bool
+    """Whether the brightness of its maps is the true one."""
 
-    def to_json(self) -> dict[str, Any]:
-        """Return what the list of objects says of it."""
-        return {
-            "name": self.name,
-            "trained": (self.run.model_folder / "config.json").is_file(),
-            "locatable": self.run.views_file.is_file(),
-            "calibrated": self.run.calibration_file.is_file(),
-        }
+    @staticmethod
+    def of(run: RunFolder) -> "ObjectEntry":
+        """Return what a run says of its object."""
+        return ObjectEntry(
+            name=run.path.name,
+            trained=(run.model_folder / "config.json").is_file(),
+            locatable=run.views_file.is_file(),
+            calibrated=run.calibration_file.is_file(),
+        )
+
+
+class ObjectList(BaseModel):
+    """Objects in the order of their names."""
+
+    objects: list[ObjectEntry]
+    next: str | None
+    """What to give as `after` for the objects that follow; null: there are none."""
 
 
 class Objects:
@@ -48,41 +55,28 @@ class Objects:
             raise InputError(
                 f"{folder} is a run itself; name the folder that holds it: {self._folder.parent}"
             )
-        self._lock = threading.Lock()
-        self._listed: tuple[float, dict[str, Path]] = (-_FRESH, {})
 
-    def find(self, name: str) -> KnownObject:
-        """Return the object of a name; raise `UnknownObjectError` when there is none."""
-        path = self._listing(fresh=False).get(name) or self._listing(fresh=True).get(name)
-        if path is None or (found := _object(name, path)) is None:
-            raise UnknownObjectError.of(name)
-        return found
+    def find(self, name: str) -> RunFolder:
+        """Return the run of an object; raise `RefusedError` (404) when there is none."""
+        run = RunFolder(self._folder / name) if name in self._names() else None
+        if run is None or not _is_reconstructed(run):
+            raise RefusedError(
+                404, f"There is no object '{shown(name)}' here; GET /objects lists their names."
+            )
+        return run
 
-    def after(self, name: str, most: int) -> tuple[list[KnownObject], str | None]:
-        """Return at most `most` objects whose names follow `name`, and the last name unless these are all."""
-        found: list[KnownObject] = []
-        for key, path in sorted(self._listing(fresh=False).items()):
-            if key > name and (one := _object(key, path)) is not None:
-                if len(found) == most:
-                    return found, found[-1].name
-                found.append(one)
-        return found, None
+    def after(self, name: str, most: int) -> ObjectList:
+        """Return at most `most` objects whose names follow `name`."""
+        runs = (RunFolder(self._folder / one) for one in self._names() if one > name)
+        found = [ObjectEntry.of(run) for run in runs if _is_reconstructed(run)]
+        return ObjectList(objects=found[:most], next=found[most - 1].name if len(found) > most else None)
 
-    def _listing(self, *, fresh: bool) -> dict[str, Path]:
-        """Return the folders by their names; links are not followed, as they could lead anywhere."""
-        with self._lock:
-            when, listed = self._listed
-            if fresh or time.monotonic() - when > _FRESH:
-                with disk_errors(self._folder), os.scandir(self._folder) as entries:
-                    listed = {
-                        entry.name: Path(entry.path)
-                        for entry in entries
-                        if not entry.name.startswith(".") and entry.is_dir(follow_symlinks=False)
-                    }
-                self._listed = time.monotonic(), listed
-            return listed
+    def _names(self) -> list[str]:
+        """Return the names of the folders, sorted; links are not followed, as they could lead anywhere."""
+        with disk_errors(self._folder), os.scandir(self._folder) as entries:
+            folders = (entry.name for entry in entries if entry.is_dir(follow_symlinks=False))
+            return sorted(name for name in folders if not name.startswith("."))
 
 
-def _object(name: str, path: Path) -> KnownObject | None:
-    run = RunFolder(path)
-    return KnownObject(name, run) if run.config_file.is_file() and run.asset_file.is_file() else None
+def _is_reconstructed(run: RunFolder) -> bool:
+    return run.config_file.is_file() and run.asset_file.is_file()

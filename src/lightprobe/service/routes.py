@@ -2,6 +2,7 @@
 
 import asyncio
 import shutil
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -11,23 +12,34 @@ from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 
-from lightprobe.core.errors import LightprobeError
 from lightprobe.core.files import disk_errors
-from lightprobe.service.answers import AnswerKind, accepted_kind, answer
-from lightprobe.service.app import Service, note, request_id
-from lightprobe.service.asked import FIELDS, Asked
-from lightprobe.service.errors import GONE, BusyError, SlowClientError
-from lightprobe.service.incoming import renamed
-from lightprobe.service.multipart import Form, receive_form
-from lightprobe.service.objects import KnownObject
-from lightprobe.service.pool import Task
-from lightprobe.service.schemas import BODY, RESPONSES, ObjectEntry, ObjectList
-from lightprobe.service.telemetry import METRICS_TYPE
+from lightprobe.core.run import RunFolder
+from lightprobe.service.answers import RESPONSES, AnswerKind, accepted_kind, answer
+from lightprobe.service.fields import BODY, FIELDS, predict_request
+from lightprobe.service.objects import ObjectEntry, ObjectList, Objects
+from lightprobe.service.telemetry import METRICS_TYPE, Telemetry
+from lightprobe.web.errors import RefusedError
+from lightprobe.web.pool import Pool, Task
+from lightprobe.web.uploads import Form, receive_form, renaming
 
 router = APIRouter()
 
 _LISTED = 1000  # objects of one answer
-_LIMITS = {name: limit for name, (limit, _) in FIELDS.items()}
+_LIMITS = {name: limit for name, (limit, *_) in FIELDS.items()}
+
+
+@dataclass(frozen=True)
+class Service:
+    """What the routes share."""
+
+    objects: Objects
+    pool: Pool
+    telemetry: Telemetry
+    folder: Path  # temporary, for the files of requests
+    deadline: float  # seconds that a request may take from its acceptance on
+    upload_seconds: float  # that its body may take to arrive
+    uploads: int  # bodies that are received at once
+    receiving: set[Path] = field(default_factory=set)  # folders of requests whose bodies are being received
 
 
 def _service(request: Request) -> Service:
@@ -42,38 +54,35 @@ ServiceArg = Annotated[Service, Depends(_service)]
 async def predict(name: str, request: Request, service: ServiceArg) -> Response:
     """Predict the environment map around an object from one photo of it."""
     kind = accepted_kind(request.headers.get("accept", ""))
-    known = await run_in_threadpool(service.objects.find, name)
+    run = await run_in_threadpool(service.objects.find, name)
     service.pool.check_room()  # before the photo is sent
-    folder = service.folder / f"request-{request_id(request)[:8]}-{id(request):x}"
+    folder = service.folder / f"request-{request.state.request_id[:8]}-{id(request):x}"
     with disk_errors(folder):
         folder.mkdir()
     done = BackgroundTask(shutil.rmtree, folder, ignore_errors=True)
     try:
         form = await _received(request, service, folder)
-        told = await _predicted(request, service, known, form, kind, folder)
+        told = await _predicted(request, service, run, form, kind, folder)
         return await run_in_threadpool(answer, kind, told, folder, done)
-    except BaseException as error:
+    except BaseException:
         await run_in_threadpool(done.func, *done.args, **done.kwargs)
-        if isinstance(error, ClientDisconnect):
-            return Response(status_code=GONE)
         raise
 
 
-@router.get("/objects", responses={200: {"model": ObjectList}})
-async def objects(
+@router.get("/objects")
+def objects(
     service: ServiceArg,
     after: Annotated[str, Query(max_length=255)] = "",
     limit: Annotated[int, Query(ge=1, le=_LISTED)] = _LISTED,
-) -> Response:
+) -> ObjectList:
     """List the objects in the order of their names."""
-    found, last = await run_in_threadpool(service.objects.after, after, limit)
-    return JSONResponse({"objects": [one.to_json() for one in found], "next": last})
+    return service.objects.after(after, limit)
 
 
-@router.get("/objects/{name}", responses={200: {"model": ObjectEntry}})
-async def one_object(name: str, service: ServiceArg) -> Response:
+@router.get("/objects/{name}")
+def one_object(name: str, service: ServiceArg) -> ObjectEntry:
     """Tell whether there is an object, and what it can do."""
-    return JSONResponse((await run_in_threadpool(service.objects.find, name)).to_json())
+    return ObjectEntry.of(service.objects.find(name))
 
 
 @router.get("/health")
@@ -85,14 +94,11 @@ async def health() -> dict[str, str]:
 @router.get("/ready")
 async def ready(service: ServiceArg) -> Response:
     """Tell whether a worker can take photos and there is room in the queue; 503 otherwise."""
-    room = service.pool.waiting < service.pool.limit
-    state = {
-        "ready": service.pool.ready and room,
-        "waiting": service.pool.waiting,
-        "limit": service.pool.limit,
-    }
-    workers = [slot.state.value for slot in service.pool.slots]
-    return JSONResponse({**state, "workers": workers}, 200 if state["ready"] else 503)
+    pool = service.pool
+    is_ready = pool.ready and pool.waiting < pool.limit
+    workers = [slot.state.value for slot in pool.slots]
+    state = {"ready": is_ready, "waiting": pool.waiting, "limit": pool.limit, "workers": workers}
+    return JSONResponse(state, 200 if is_ready else 503)
 
 
 @router.get("/metrics")
@@ -102,60 +108,57 @@ async def metrics(service: ServiceArg) -> Response:
 
 
 async def _received(request: Request, service: Service, folder: Path) -> Form:
-    """Return the form of a request; raise `BusyError` where too many are sent at once, `SlowClientError` too
-    late.
+    """Return the form of a request.
+
+    Raises `RefusedError` where too many are sent at once (429) and where it comes too slowly (408).
     """
     if len(service.receiving) >= service.uploads:
-        raise BusyError(f"{service.uploads} photos are being sent already; try again in a second.")
+        raise RefusedError(429, f"{service.uploads} photos are being sent already; try again in a second.")
     service.receiving.add(folder)
     try:
         with service.telemetry.uploads.track_inprogress():
             async with asyncio.timeout(service.upload_seconds):
                 return await receive_form(request, folder, _LIMITS)
     except TimeoutError as error:
-        raise SlowClientError(
-            f"The photo did not arrive within {service.upload_seconds:.3g} s; send a smaller one or over a faster line."
+        raise RefusedError(
+            408,
+            f"The photo did not arrive within {service.upload_seconds:.3g} s; send a smaller one or over a faster line.",
         ) from error
     finally:
         service.receiving.discard(folder)
 
 
 async def _predicted(
-    request: Request, service: Service, known: KnownObject, form: Form, kind: AnswerKind, folder: Path
+    request: Request, service: Service, run: RunFolder, form: Form, kind: AnswerKind, folder: Path
 ) -> dict[str, Any]:
     """Return what a worker tells of the photo of a form, and note what the log is to know of it."""
     names = {part.path: part.name for part in form.parts.values()}
-    try:
-        asked = await run_in_threadpool(Asked.of, form, folder)
-    except LightprobeError as error:
-        raise type(error)(renamed(str(error), names)) from error
-    outputs = asked.outputs if kind.output is None else (kind.output,)
-    wanted = {
-        **asked.to_json(),
-        "task": "predict",
-        "run": str(known.run.path),
-        "folder": f"{folder}/",
-        "outputs": list(outputs),
-    }
-    task = Task(wanted, known.name, min(asked.deadline or service.deadline, service.deadline))
+    with renaming(names):
+        wanted, deadline = await run_in_threadpool(predict_request, form, folder)
+    if kind.output is not None:
+        wanted = replace(wanted, outputs=(kind.output,))
+    work = {**wanted.to_json(), "task": "predict", "run": str(run.path), "folder": f"{folder}/"}
+    seconds = min(deadline or service.deadline, service.deadline)
+    task = Task(request=work, object=run.path.name, seconds=seconds)
     service.pool.submit(task)
     service.telemetry.received.inc(sum(part.path.stat().st_size for part in form.parts.values()))
+    noted = request.state.noted
     try:
         told = await _awaited(request, service, task)
     finally:
-        note(request, object=known.name, waited=round(task.waited, 4), tries=task.tries, worker=task.worker)
+        noted.update(object=run.path.name, waited=round(task.waited, 4), tries=task.tries, worker=task.slot)
     waited = task.waited
     service.telemetry.waited.observe(waited)
     service.telemetry.predicted.labels(told["method"]).observe(told["seconds"]["all"])
-    note(request, prediction=told["method"], verdict=told["verdict"]["status"])
-    seconds = {"waiting": waited, **told["seconds"]}
-    return {"object": known.name, "request": request_id(request), **told, "seconds": seconds}
+    noted.update(prediction=told["method"], verdict=told["verdict"]["status"])
+    about = {"object": run.path.name, "request": request.state.request_id}
+    return {**about, **told, "seconds": {"waiting": waited, **told["seconds"]}}
 
 
 async def _awaited(request: Request, service: Service, task: Task) -> dict[str, Any]:
     """Return the result of a task; raise `ClientDisconnect` when nobody is there any more to be told.
 
-    A request that has begun by then is waited for, as its worker goes on to write into its folder.
+    A task that has begun by then is waited for, as its worker goes on to write into its folder.
     """
     result = asyncio.wrap_future(task.answer)
     gone = asyncio.ensure_future(_disconnected(request))

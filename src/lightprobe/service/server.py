@@ -1,7 +1,6 @@
-"""The service from start to end: where it listens, who may ask it, what computes, and what is cleared away."""
+"""The service from start to end: where it listens, who may ask it, what computes, and what is removed."""
 
 import contextlib
-import functools
 import logging
 import math
 import tempfile
@@ -17,13 +16,11 @@ from lightprobe.core.extras import extra_library
 from lightprobe.core.partial import partial_folder
 from lightprobe.core.reading import check_file
 from lightprobe.service.devices import CPU, Assignment, assignments
-from lightprobe.service.guard import check_access, is_loopback
-from lightprobe.service.listening import listening_socket, until_interrupted
-from lightprobe.service.worker_process import worker_command
+from lightprobe.web.listening import is_loopback, listening_socket, run_app, until_interrupted
+from lightprobe.web.pool import Pool
+from lightprobe.web.worker import WorkerProcess, worker_command
 
-if TYPE_CHECKING:  # these need the extra
-    from lightprobe.service.app import Service
-    from lightprobe.service.objects import Objects
+if TYPE_CHECKING:  # needs the extra
     from lightprobe.service.telemetry import Telemetry
 
 PORT = 8422
@@ -33,6 +30,7 @@ GIB = 2**30
 """Bytes."""
 
 _LARGEST_TOKEN = 4096  # bytes of a token's file
+_SHORTEST_TOKEN = 16  # characters
 _GRACE = 5.0  # seconds beyond the deadlines in which the last answers are sent when the service is stopped
 
 
@@ -68,17 +66,9 @@ class ServiceConfig:
 
     def __post_init__(self) -> None:
         """Refuse limits that no service could work with."""
-        if self.queue < 1 or self.uploads < 1:
-            raise ConfigError("--queue and --uploads must be at least 1.")
-        positive = (
-            self.deadline,
-            self.upload_seconds,
-            self.max_megapixels,
-            self.cache_memory,
-            self.worker_memory,
-        )
-        if not all(0 < value < float("inf") for value in positive):
-            raise ConfigError("Seconds, megapixels and memory of the service must be above 0 and finite.")
+        for name, value in vars(self).items():
+            if not 0 < value < float("inf"):
+                raise ConfigError(f"--{name.replace('_', '-')} must be above 0 and finite, not {value}.")
 
 
 @dataclass(frozen=True)
@@ -113,7 +103,7 @@ def serve(
         extra_library(library, "The service", "serve")
     from lightprobe.service.app import create_app
     from lightprobe.service.objects import Objects
-    from lightprobe.service.running import run_app
+    from lightprobe.service.routes import Service
     from lightprobe.service.telemetry import Telemetry
 
     config = config or ServiceConfig()
@@ -133,35 +123,36 @@ def serve(
         tell(
             f"Service: http://{name}:{listening.getsockname()[1]}/   ({_described(assigned)}; end with Ctrl-C)"
         )
-        with _service(config, known, assigned, temporary, telemetry) as service:
+        pool = _pool(config, assigned, telemetry)
+        telemetry.watch(pool)
+        try:
+            limits = (config.deadline, config.upload_seconds, config.uploads)
+            service = Service(known, pool, telemetry, temporary, *limits)
             app = create_app(service, token, local=is_loopback(host) and not anyone)
             run_app(app, listening, grace=math.ceil(config.deadline + _GRACE), log_config=None)
+        finally:
+            pool.close()
     return Served(
         telemetry.total("lightprobe_requests_total"), telemetry.total("lightprobe_prediction_seconds_count")
     )
 
 
-@contextlib.contextmanager
-def _service(
-    config: ServiceConfig,
-    known: "Objects",
-    assigned: Sequence[Assignment],
-    folder: Path,
-    telemetry: "Telemetry",
-) -> Iterator["Service"]:
-    """Yield the service with its workers started, which end with it."""
-    from lightprobe.service.app import Service
-    from lightprobe.service.pool import Pool
-    from lightprobe.service.slot import SlotSettings
+def _pool(config: ServiceConfig, assigned: Sequence[Assignment], telemetry: "Telemetry") -> Pool:
+    def new_process(number: int) -> WorkerProcess:
+        return WorkerProcess(
+            worker_arguments(config, assigned[number]),
+            environment=assigned[number].environment,
+            on_text=lambda text: telemetry.worker_said(number, text),
+        )
 
-    command = functools.partial(worker_arguments, config)
-    settings = SlotSettings(command, round(config.worker_memory * GIB), telemetry.worker_said)
-    pool = Pool(assigned, settings, config.queue, telemetry)
-    telemetry.watch(pool)
-    try:
-        yield Service(known, pool, telemetry, folder, config.deadline, config.upload_seconds, config.uploads)
-    finally:
-        pool.close()
+    return Pool(
+        new_process,
+        slots=len(assigned),
+        limit=config.queue,
+        memory=config.worker_memory * GIB,
+        tries=2,
+        note=telemetry.worker_event,
+    )
 
 
 @contextlib.contextmanager
@@ -187,6 +178,22 @@ def _described(assigned: Sequence[Assignment]) -> str:
     if all(one.device == CPU for one in assigned):
         return f"{len(assigned)} workers on the CPU, {assigned[0].threads} threads each"
     return "a worker on each of " + ", ".join(one.device for one in assigned)
+
+
+def check_access(host: str, token: str | None, *, anyone: bool) -> None:
+    """Raise `ConfigError` where a service would be open to others, or a token could be guessed.
+
+    anyone: whether that is wanted.
+    """
+    if token is not None and (len(token) < _SHORTEST_TOKEN or not token.isascii() or not token.isprintable()):
+        raise ConfigError(
+            f"The token must have at least {_SHORTEST_TOKEN} printable characters; make one with: openssl rand -hex 32"
+        )
+    if token is None and not is_loopback(host) and not anyone:
+        raise ConfigError(
+            f"--host {host} can be reached by others, and there is no token; give one with --token-file or in "
+            "LIGHTPROBE_TOKEN, or say --anyone where something else decides who gets there."
+        )
 
 
 def read_token(path: Path) -> str:

@@ -11,7 +11,7 @@ import threading
 import traceback
 from collections.abc import Callable, Mapping
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 from prometheus_client import (
     CollectorRegistry,
@@ -23,11 +23,8 @@ from prometheus_client import (
 )
 from prometheus_client.exposition import CONTENT_TYPE_LATEST
 
-from lightprobe.core.errors import LightprobeError, printable
-from lightprobe.service.slot import End, SlotState, WorkerSlot
-
-if TYPE_CHECKING:
-    from lightprobe.service.pool import Pool
+from lightprobe.core.errors import printable
+from lightprobe.web.pool import Event, Pool, Slot, SlotState
 
 METRICS_TYPE = CONTENT_TYPE_LATEST
 """The media type of the metrics."""
@@ -74,30 +71,24 @@ class Telemetry:
         disable_created_metrics()  # when each count began is of no use, and doubles what is sent
         self._logger, self._registry = logger, CollectorRegistry()
         names: dict[str, Any] = {"registry": self._registry, "namespace": "lightprobe"}
+        timed: dict[str, Any] = {**names, "buckets": _SECONDS}
+        self._names = names
         self.requests = Counter(
             "requests", "Answers, by route and HTTP status.", ["route", "status"], **names
         )
-        self.seconds = Histogram(
-            "request_seconds",
-            "From the head of a request to its answer.",
-            ["route"],
-            buckets=_SECONDS,
-            **names,
-        )
-        self.waited = Histogram("waiting_seconds", "In the queue.", buckets=_SECONDS, **names)
-        self.predicted = Histogram(
-            "prediction_seconds", "Of a worker on one photo.", ["method"], buckets=_SECONDS, **names
-        )
+        words = "From the head of a request to its answer."
+        self.seconds = Histogram("request_seconds", words, ["route"], **timed)
+        self.waited = Histogram("waiting_seconds", "In the queue.", **timed)
+        self.predicted = Histogram("prediction_seconds", "Of a worker on one photo.", ["method"], **timed)
         self.received = Counter("upload_bytes", "Bytes of photos that were accepted.", **names)
         self.uploads = Gauge("uploads", "Requests whose bodies are being received.", **names)
         self._ends = Counter("worker_ends", "Processes that ended, by reason.", ["reason"], **names)
-        self._failures = Counter("worker_start_failures", "Processes that could not be started.", **names)
-        self._retries = Counter(
-            "retries", "Requests whose worker died and that were tried once more.", **names
-        )
-        self._names = names
+        words = "Processes that could not be started."
+        self._failures = Counter("worker_start_failures", words, **names)
+        words = "Requests whose worker died and that were tried once more."
+        self._retries = Counter("retries", words, **names)
 
-    def watch(self, pool: "Pool") -> None:
+    def watch(self, pool: Pool) -> None:
         """Show the state of a pool as it is whenever the metrics are asked for."""
         names = self._names
         Gauge("queue_length", "Requests that wait.", **names).set_function(lambda: pool.waiting)
@@ -123,34 +114,25 @@ class Telemetry:
         """Write a line."""
         self._logger.log(level, event, extra={"event": event, "values": values})
 
-    def worker_started(self, slot: WorkerSlot) -> None:
-        """Take note of a process that can be used."""
-        self.log(
-            logging.INFO, "worker started", worker=slot.number, pid=slot.pid, device=slot.assignment.device
-        )
-
-    def worker_failed(self, slot: WorkerSlot, error: LightprobeError) -> None:
-        """Take note of a process that could not be started."""
-        self._failures.inc()
-        self.log(logging.ERROR, "worker failed to start", worker=slot.number, sentence=str(error))
-
-    def worker_ended(self, slot: WorkerSlot, reason: End) -> None:
-        """Take note of a process that has ended."""
-        self._ends.labels(reason.value).inc()
-        self.log(logging.WARNING, "worker ended", worker=slot.number, reason=reason.value)
+    def worker_event(self, event: Event, **values: Any) -> None:
+        """Take note of what a pool tells of its processes."""
+        if event is Event.FAILED:
+            self._failures.inc()
+        if event is Event.ENDED:
+            self._ends.labels(values["reason"]).inc()
+        if event is Event.RETRIED:
+            self._retries.inc()
+        self.log(_LEVELS.get(event, logging.WARNING), event.value, **values)
 
     def worker_said(self, number: int, text: str) -> None:
         """Take note of what a process writes to standard error."""
         self.log(logging.WARNING, "worker wrote", worker=number, text=text[:_LONGEST])
 
-    def retried(self, slot: WorkerSlot) -> None:
-        """Take note of a request that is tried once more."""
-        self._retries.inc()
-        self.log(logging.WARNING, "request tried again", worker=slot.number)
 
+_LEVELS = {Event.STARTED: logging.INFO, Event.FAILED: logging.ERROR}
 
-_OF_WORKERS: Mapping[str, tuple[str, Callable[[WorkerSlot], float]]] = {
-    "worker_resident_bytes": ("Memory of a worker's process.", lambda slot: slot.resident or 0),
+_OF_WORKERS: Mapping[str, tuple[str, Callable[[Slot], float]]] = {
+    "worker_resident_bytes": ("Memory of a worker's process.", lambda slot: slot.resident),
     "loaded_objects": ("Objects that a worker keeps loaded.", lambda slot: len(slot.told.get("objects", ()))),
     "loaded_object_bytes": ("What these take.", lambda slot: slot.told.get("held", 0)),
     "object_loads": ("Objects loaded since the worker started.", lambda slot: slot.told.get("loads", 0)),
@@ -161,5 +143,5 @@ _OF_WORKERS: Mapping[str, tuple[str, Callable[[WorkerSlot], float]]] = {
 }
 
 
-def _count(pool: "Pool", state: SlotState) -> int:
+def _count(pool: Pool, state: SlotState) -> int:
     return sum(slot.state is state for slot in pool.slots)

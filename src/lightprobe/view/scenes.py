@@ -15,74 +15,62 @@ from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_are
 from lightprobe.preparation.options import store_hint, stored_hint
 from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
-from lightprobe.view.sources import PREPARED, SceneSource
 
+PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made
 MASK_SIDE = 1600  # pixels of the longer side at which masks are painted
 
 
 @dataclass(frozen=True)
-class ScenePhotos:
-    """The photos of a scene, in the order of the page."""
+class SceneSource:
+    """A folder of photos whose masks can be corrected, or in one of whose photos the object can be shown."""
 
-    source: SceneSource
-    images: tuple[Path, ...]
+    folder: Path
+    prepared: bool  # else plain photos, without cameras and masks
 
-    @staticmethod
-    def of(source: SceneSource) -> "ScenePhotos":
-        """Return the photos that a folder holds now."""
-        if not source.prepared:
-            return ScenePhotos(source, tuple(list_photos(source.folder)))
-        folder = inside(source.folder, "images", source=source.folder / PREPARED)
-        found = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
-        return ScenePhotos(source, tuple(found))
+    def images(self) -> list[Path]:
+        """Return the photos that the folder holds now, in the order of the page."""
+        if not self.prepared:
+            return list_photos(self.folder)
+        folder = inside(self.folder, "images", source=self.folder / PREPARED)
+        return sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
 
     def image(self, index: int) -> Path:
         """Return a photo's file; raise `InputError` when there is none or it lies outside of the folder."""
-        if not 0 <= index < len(self.images):
+        images = self.images()
+        if not 0 <= index < len(images):
             raise InputError("This scene has no such photo any more; load the page again.")
-        path = self.images[index]
-        return inside(
-            self.source.folder, str(path.relative_to(self.source.folder)), source=self.source.folder
-        )
+        return inside(self.folder, str(images[index].relative_to(self.folder)), source=self.folder)
 
     def mask_file(self, index: int) -> Path:
         """Return where a photo's mask is or goes; raise `InputError` where that lies outside of the folder."""
-        name = f"masks/{self.image(index).stem}.png"
-        return inside(self.source.folder, name, source=self.source.folder / PREPARED)
+        return inside(self.folder, f"masks/{self.image(index).stem}.png", source=self.folder / PREPARED)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the page lists: photos with the agreement of mask and hull, warnings, the box that was
-        drawn.
-        """
-        report = read_json(self.source.folder / PREPARED) if self.source.prepared else {}
+        """Return what the page lists: photos with the agreement of mask and hull, warnings, the drawn box."""
+        report = read_json(self.folder / PREPARED) if self.prepared else {}
         report = report if isinstance(report, dict) else {}
         agreement = report.get("mask_hull_iou")
         agreement = agreement if isinstance(agreement, dict) else {}
-        photos = [
-            {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)}
-            for path in self.images
-        ]
-        hint = stored_hint(self.source.folder) if self.source.prepared else None
-        warnings = [text for text in report.get("warnings", []) if isinstance(text, str)]
         return {
-            "name": self.source.folder.resolve().name,
-            "folder": str(self.source.folder),
-            "prepared": self.source.prepared,
-            "photos": photos,
-            "warnings": warnings,
-            "hint": hint,
+            "name": self.folder.resolve().name,
+            "folder": str(self.folder),
+            "prepared": self.prepared,
+            "photos": [
+                {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)}
+                for path in self.images()
+            ],
+            "warnings": [text for text in report.get("warnings", []) if isinstance(text, str)],
+            "hint": stored_hint(self.folder) if self.prepared else None,
         }
 
 
-def mask_picture(photos: ScenePhotos, index: int) -> bytes:
-    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` when it cannot be
-    read.
-    """
-    path = photos.mask_file(index)
+def mask_picture(scene: SceneSource, index: int) -> bytes:
+    """Return a photo's mask as grey PNG, black where there is none; raise `InputError` for a damaged one."""
+    path = scene.mask_file(index)
     if path.is_file():
         mask = shrink_area(read_mask(path), MASK_SIDE)
     else:
-        width, height = image_size(photos.image(index))
+        width, height = image_size(scene.image(index))
         scale = min(MASK_SIDE / max(width, height), 1.0)
         mask = np.zeros((max(round(height * scale), 1), max(round(width * scale), 1)), np.float32)
     buffer = io.BytesIO()
@@ -90,15 +78,15 @@ def mask_picture(photos: ScenePhotos, index: int) -> bytes:
     return buffer.getvalue()
 
 
-def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
+def save_mask(scene: SceneSource, index: int, painted: Path) -> Path:
     """Write a painted mask over a photo's, at the photo's size, and return its file.
 
     Raises `ConfigError` for a folder of plain photos, `InputError` for a picture of another shape or without
     object.
     """
-    if not photos.source.prepared:
+    if not scene.prepared:
         raise ConfigError("This folder has no masks yet; draw a box and prepare it first.")
-    width, height = image_size(photos.image(index))
+    width, height = image_size(scene.image(index))
     mask = read_mask(painted)
     if not same_shape((mask.shape[1], mask.shape[0]), (width, height)):
         raise InputError(
@@ -108,24 +96,24 @@ def save_mask(photos: ScenePhotos, index: int, painted: Path) -> Path:
         raise InputError(
             "The mask shows no object, or nothing but it; paint the object and leave the rest free."
         )
-    target = photos.mask_file(index)
+    target = scene.mask_file(index)
     write_mask(target, mask, (height, width))
     return target
 
 
-def save_box(photos: ScenePhotos, index: int, box: Sequence[float]) -> str:
+def save_box(scene: SceneSource, index: int, box: Sequence[float]) -> str:
     """Keep a box around the object in a prepared scene, and return the command that takes it up.
 
     box: left, top, right, bottom in shares of the photo's width and height. Raises `InputError` for no box in
     it.
     """
-    image = photos.image(index)
+    image = scene.image(index)
     width, height = image_size(image)
     x0, y0, x1, y1 = (round(share * size) for share, size in zip(box, (width, height) * 2, strict=True))
     if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
         raise InputError("The box lies outside of the photo or is empty; draw it from corner to corner.")
-    folder = photos.source.folder
-    if photos.source.prepared:
+    folder = scene.folder
+    if scene.prepared:
         store_hint(folder, image.stem, (x0, y0, x1, y1))
         return f"lightprobe prepare PHOTOS -o {shell_word(folder)}"
     hint = shell_word(f"{image.name}={x0},{y0},{x1},{y1}")

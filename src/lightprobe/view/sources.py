@@ -3,17 +3,14 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import inside, read_json
+from lightprobe.core.files import inside
 from lightprobe.core.run import RunFolder
-from lightprobe.core.stored import is_finite_number
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.plain_photos import is_plain
 from lightprobe.scene.record import SPLITS, read_record
-
-PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made
+from lightprobe.view.scenes import PREPARED, SceneSource
 
 
 @dataclass(frozen=True)
@@ -49,27 +46,18 @@ class RunSource:
         cameras = read_record(self.run).cameras
         return [RunPhoto(name, split, camera) for split in SPLITS for name, camera in cameras[split].items()]
 
-    def image_file(self, photo: RunPhoto) -> Path:
-        """Return the file of a photo; raise `InputError` when it is gone or lies outside of the run's scene."""
-        return self._file(photo, "image")
+    def files(self, photo: RunPhoto) -> tuple[Path, Path | None]:
+        """Return the files of a photo and of its own mask, if it has one.
 
-    def mask_file(self, photo: RunPhoto) -> Path | None:
-        """Return the file of a photo's mask, None where it has none of its own; errors as `image_file`."""
-        has_one = "mask" in self.run.scene()["photos"][photo.split][photo.name]
-        return self._file(photo, "mask") if has_one else None
-
-    def _file(self, photo: RunPhoto, kind: str) -> Path:
+        Raises `InputError` when a file is gone or lies outside of the run's scene.
+        """
         record = self.run.scene()
-        name = record["photos"][photo.split][photo.name][kind]
-        return inside(Path(record["root"]), name, source=self.run.scene_file)
+        named = record["photos"][photo.split][photo.name]
 
+        def file(kind: str) -> Path:
+            return inside(Path(record["root"]), named[kind], source=self.run.scene_file)
 
-@dataclass(frozen=True)
-class SceneSource:
-    """A folder of photos whose masks can be corrected, or in one of whose photos the object can be shown."""
-
-    folder: Path
-    prepared: bool  # else plain photos, without cameras and masks
+        return file("image"), file("mask") if "mask" in named else None
 
 
 @dataclass(frozen=True)
@@ -116,13 +104,3 @@ def _scene_of(run: RunFolder) -> list[SceneSource]:
     if run.scene_file.is_file():
         folders.append(Path(run.scene()["root"]))
     return [SceneSource(folder, True) for folder in folders if (folder / PREPARED).is_file()][:1]
-
-
-def evaluation_of(run: RunFolder) -> dict[str, Any]:
-    """Return the mean scores of a run's evaluation, none before there is one."""
-    if not run.metrics_file.is_file():
-        return {}
-    value = read_json(run.metrics_file)
-    mean = value.get("mean") if isinstance(value, dict) else None
-    scores = mean.items() if isinstance(mean, dict) else ()
-    return {key: number for key, number in scores if is_finite_number(number)}

@@ -1,12 +1,7 @@
-"""Files that a person gives to the page: streamed to the temporary folder up to a limit, told by their
-content.
-
-Their names are only shown. What they are kept as is chosen here.
-"""
+"""Files that a person gives to the page: kept up to a limit, told by their content; the last few of each kind."""
 
 import secrets
 import threading
-from collections import OrderedDict
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -14,14 +9,14 @@ from pathlib import Path
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import Request
 
-from lightprobe.core.errors import InputError, LightprobeError
+from lightprobe.core.errors import InputError
 from lightprobe.imaging import image_size, is_video
 from lightprobe.insertion import load_virtual_object
 from lightprobe.light.environment import read_map
-from lightprobe.service.errors import MIB
-from lightprobe.service.incoming import photo_suffix, renamed, shown_name, stream_to
-from lightprobe.view.light_files import light_suffix
+from lightprobe.web.errors import MIB
+from lightprobe.web.uploads import photo_suffix, quoted_name, receive_file, renaming
 
+_EXR = (20000630).to_bytes(4, "little")  # OpenEXR's magic number
 _KEPT = 24  # files of one kind; the oldest go first
 
 
@@ -30,11 +25,11 @@ class UploadKind(StrEnum):
 
     PHOTO = "photo"
     LIGHT = "light"
-    THING = "thing"
-    """A GLB that is to stand beside the object."""
+    OBJECT = "object"
+    """A GLB that is to stand beside the known object."""
 
 
-LIMITS = {UploadKind.PHOTO: 64 * MIB, UploadKind.LIGHT: 256 * MIB, UploadKind.THING: 200 * MIB}
+LIMITS = {UploadKind.PHOTO: 64 * MIB, UploadKind.LIGHT: 256 * MIB, UploadKind.OBJECT: 200 * MIB}
 """The most bytes of a file of each kind."""
 
 
@@ -43,7 +38,6 @@ class Upload:
     """A file that was given to the page."""
 
     id: str
-    kind: UploadKind
     path: Path
     name: str  # as the person knows it, for messages only
 
@@ -53,60 +47,66 @@ class Uploads:
 
     def __init__(self, folder: Path):
         """Keep files in `folder`."""
-        self._folder = folder
-        self._files: dict[UploadKind, OrderedDict[str, Upload]] = {kind: OrderedDict() for kind in UploadKind}
-        self._lock = threading.Lock()
+        self._folder, self._lock = folder, threading.Lock()
+        self._files: dict[UploadKind, dict[str, Upload]] = {kind: {} for kind in UploadKind}
 
     def get(self, kind: UploadKind, id: str) -> Upload:
         """Return a file; raise `InputError` when there is none of this name any more."""
-        with self._lock:
-            found = self._files[kind].get(id)
+        found = self._files[kind].get(id)
         if found is None:
             raise InputError("This file is no longer kept here; choose it again.")
         return found
 
     async def receive(self, kind: UploadKind, request: Request) -> Upload:
-        """Keep the body of a request as a file, after a look at its beginning.
+        """Keep the body of a request as a file, after a look at its content.
 
-        Raises `TooLargeError` as soon as it is too large, `InputError` when it is not what it should be.
+        Raises `RefusedError` (413) as soon as it is too large, `InputError` when it is not what it should be.
         """
-        name = shown_name(request.headers.get("x-file-name", ""))
-        id = secrets.token_urlsafe(9)
+        name, id = quoted_name(request), secrets.token_urlsafe(9)
         path = self._folder / f"{kind.value}-{id}"
         try:
-            await stream_to(request, path, LIMITS[kind], name)
-            path = await run_in_threadpool(_checked, kind, path, name)
-        except BaseException:
-            path.unlink(missing_ok=True)
-            raise
-        return self._keep(Upload(id, kind, path, name))
-
-    def _keep(self, upload: Upload) -> Upload:
+            await receive_file(request, path, LIMITS[kind], name)
+            upload = Upload(id, await run_in_threadpool(_checked, kind, path, name), name)
+        finally:
+            path.unlink(missing_ok=True)  # by now it has another name, or is of no use
         with self._lock:
-            files = self._files[upload.kind]
-            files[upload.id] = upload
-            old = [files.popitem(last=False)[1] for _ in range(len(files) - _KEPT)]
+            files = self._files[kind]
+            files[id] = upload
+            old = [files.pop(one) for one in list(files)[:-_KEPT]]
         for one in old:
             one.path.unlink(missing_ok=True)
         return upload
 
 
 def _checked(kind: UploadKind, path: Path, name: str) -> Path:
-    """Return where a file is kept after a check of its kind; raise `InputError` naming it as the person does."""
+    """Return where a file is kept after a check of its kind; errors name it as the person does."""
+    kept = path.rename(path.with_suffix(_suffix(kind, path, name)))
     try:
-        if kind is UploadKind.PHOTO:
-            path = path.rename(path.with_suffix(photo_suffix(name)))
-            if is_video(path):
+        with renaming({kept: name}):
+            if kind is UploadKind.LIGHT:
+                read_map(kept)
+            elif kind is UploadKind.OBJECT:
+                load_thing(kept)
+            elif is_video(kept):
                 raise InputError(f"{name} is a video; choose a photo.")
-            image_size(path)
-            return path
-        if kind is UploadKind.LIGHT:
-            path = path.rename(path.with_suffix(light_suffix(path, name)))
-            read_map(path)
-            return path
-        path = path.rename(path.with_suffix(".glb"))
-        load_virtual_object(path)
-        return path
-    except LightprobeError as error:
-        path.unlink(missing_ok=True)
-        raise InputError(renamed(str(error), {path: name})) from error
+            else:
+                image_size(kept)
+    except BaseException:
+        kept.unlink(missing_ok=True)
+        raise
+    return kept
+
+
+def _suffix(kind: UploadKind, path: Path, name: str) -> str:
+    """Return the suffix that a file is kept with, of a map by its content; raise `InputError` for another file."""
+    if kind is not UploadKind.LIGHT:
+        return photo_suffix(name) if kind is UploadKind.PHOTO else ".glb"
+    with open(path, "rb") as file:
+        start = file.read(4)
+    if start == _EXR:
+        return ".exr"
+    if start.startswith(b"#?"):
+        return ".hdr"
+    raise InputError(
+        f"{name} is no OpenEXR and no Radiance HDR file; choose an .exr or .hdr environment map."
+    )

@@ -9,16 +9,19 @@ from typing import Any
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.errors import InputError, LightprobeError, printable
+from lightprobe.core.files import read_json
 from lightprobe.core.run import RunFolder
+from lightprobe.core.stored import is_finite_number
 from lightprobe.core.timings import read_timings
 from lightprobe.distillation.training import stages as distill_stages
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
 from lightprobe.runs.phases import is_learnt
 from lightprobe.view.sources import evaluation_of
+from lightprobe.runs.stages import is_learnt
 
 _CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once
-_TAIL = 8192  # bytes of log.txt that are looked at
+_TAIL = 8192  # bytes of a log that are looked at
 _LINES = 14  # of log.txt that are shown
 _WINDOW = 90.0  # seconds over which the speed is measured
 _QUIET = 180.0  # seconds without a new record after which a training is taken to have stopped
@@ -35,12 +38,10 @@ class TrainingWatch:
 
     def state(self, after: int) -> dict[str, Any]:
         """Return what the page is told, with the records of metrics.jsonl from byte `after` on."""
-        records, end, start = read_records(self.run.metrics_log, after)
-        latest = self._latest()
-        phases = [self._phase(phase, latest) for phase in PHASES]
-        age = _age(self.run)
+        run, latest = self.run, self._latest()
+        records, end, start = read_records(run.metrics_log, after)
+        phases, age = [self._phase(phase, latest) for phase in PHASES], _age(run)
         running = age is not None and age < _QUIET and not all(phase["finished"] for phase in phases)
-        left = self._seconds_left(phases, latest) if running else None
         return {
             "records": records,
             "next": end,
@@ -48,18 +49,17 @@ class TrainingWatch:
             "phases": phases,
             "running": running,
             "age": age,
-            "seconds_left": left,
-            "log": log_tail(self.run.log_file),
-            "evaluation": _evaluation(self.run),
-            "checkpoint": self.run.checkpoints.newest_step(),
-            "object": self.run.asset_file.is_file(),
-            "verdicts": _verdicts(self.run),
+            "seconds_left": self._seconds_left(phases, latest) if running and latest else None,
+            "log": log_tail(run.log_file),
+            "evaluation": evaluation_of(run),
+            "checkpoint": run.checkpoints.newest_step(),
+            "object": run.asset_file.is_file(),
+            "verdicts": _verdicts(run),
         }
 
     def _latest(self) -> tuple[str, int] | None:
         """Return phase and step of the newest record, and take note of when it was seen."""
-        found = newest_record(self.run.metrics_log)
-        now = time.monotonic()
+        found, now = newest_record(self.run.metrics_log), time.monotonic()
         if found is not None and (not self._seen or self._seen[-1][1:] != found):
             self._seen.append((now, *found))
         while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW:
@@ -68,30 +68,24 @@ class TrainingWatch:
 
     def _phase(self, phase: str, latest: tuple[str, int] | None) -> dict[str, Any]:
         timing = read_timings(self.run.timings_file).get(phase)
-        first = phase == PHASES[0]
-        finished = self.run.asset_file.is_file() if first else is_learnt(self.run)
+        finished = self.run.asset_file.is_file() if phase == PHASES[0] else is_learnt(self.run)
         lengths = stage_lengths(self.run, phase)
         total = sum(lengths.values())
-        step = total if finished else (latest[1] if latest and latest[0] == phase else 0)
-        seconds = None if timing is None else timing.seconds
         return {
             "name": phase,
             "stages": lengths,
             "steps": total,
-            "step": step,
+            "step": total if finished else latest[1] if latest and latest[0] == phase else 0,
             "finished": finished,
-            "seconds": seconds,
+            "seconds": None if timing is None else timing.seconds,
         }
 
-    def _seconds_left(self, phases: list[dict[str, Any]], latest: tuple[str, int] | None) -> float | None:
+    def _seconds_left(self, phases: list[dict[str, Any]], latest: tuple[str, int]) -> float | None:
         """Return the time that the phase at hand will take from here, None while its speed is unknown."""
-        if latest is None:
-            return None
         phase = next(one for one in phases if one["name"] == latest[0])
         seen = [(when, step) for when, name, step in self._seen if name == latest[0]]
-        rate = 0.0
-        if len(seen) > 1 and seen[-1][0] > seen[0][0]:
-            rate = (seen[-1][1] - seen[0][1]) / (seen[-1][0] - seen[0][0])
+        (first, begin), (last, end) = seen[0], seen[-1]
+        rate = (end - begin) / (last - first) if last > first else 0.0
         kept = (self.run.checkpoints if latest[0] == PHASES[0] else self.run.model_checkpoints).newest_step()
         if rate <= 0 and kept and phase["seconds"]:
             rate = kept / phase["seconds"]
@@ -118,14 +112,10 @@ def read_records(path: Path, after: int) -> tuple[list[dict[str, Any]], int, int
 
 def newest_record(path: Path) -> tuple[str, int] | None:
     """Return phase and step of the last whole line of metrics.jsonl, None without one."""
-    if not path.is_file():
-        return None
-    with open(path, "rb") as file:
-        size = file.seek(0, 2)
-        file.seek(max(size - _TAIL, 0))
-        lines = file.read().split(b"\n")[:-1]
-    found = next((record for line in reversed(lines) if (record := _record(line)) is not None), None)
-    return None if found is None else (found["phase"], found["step"])
+    for line in reversed(_tail(path).split(b"\n")[:-1]):
+        if (record := _record(line)) is not None:
+            return record["phase"], record["step"]
+    return None
 
 
 def _record(line: bytes) -> dict[str, Any] | None:
@@ -146,10 +136,8 @@ def stage_lengths(run: RunFolder, phase: str) -> dict[str, int]:
     settings = {key: value for key, value in section.items() if key not in ("seed", "hdri")}
     try:
         if phase == PHASES[0]:
-            return {
-                stage.name: stage.iterations
-                for stage in decompose_stages(DecomposeConfig.from_json(settings))
-            }
+            made = decompose_stages(DecomposeConfig.from_json(settings))
+            return {stage.name: stage.iterations for stage in made}
         return {stage.name: stage.iterations for stage in distill_stages(DistillConfig.from_json(settings))}
     except LightprobeError:
         return {}
@@ -157,25 +145,22 @@ def stage_lengths(run: RunFolder, phase: str) -> dict[str, int]:
 
 def log_tail(path: Path) -> list[str]:
     """Return the last lines of log.txt, tracebacks' lines left out."""
+    lines = _tail(path).decode("utf-8", "replace").split("\n")
+    return [printable(line) for line in lines if line[:2].isdigit()][-_LINES:]
+
+
+def _tail(path: Path) -> bytes:
     if not path.is_file():
-        return []
+        return b""
     with open(path, "rb") as file:
-        size = file.seek(0, 2)
-        file.seek(max(size - _TAIL, 0))
-        text = file.read().decode("utf-8", "replace")
-    lines = [printable(line) for line in text.split("\n") if line[:2].isdigit()]
-    return lines[-_LINES:]
+        file.seek(max(file.seek(0, 2) - _TAIL, 0))
+        return file.read()
 
 
 def _age(run: RunFolder) -> float | None:
     """Return the seconds since something was recorded, None where nothing was."""
-    files = (
-        run.metrics_log,
-        run.log_file,
-        run.timings_file,
-        run.checkpoints.folder,
-        run.model_checkpoints.folder,
-    )
+    folders = (run.checkpoints.folder, run.model_checkpoints.folder)
+    files = (run.metrics_log, run.log_file, run.timings_file, *folders)
     times = [path.stat().st_mtime for path in files if path.exists()]
     return time.time() - max(times) if times else None
 
@@ -193,8 +178,14 @@ def _verdicts(run: RunFolder) -> list[str]:
     return sentences
 
 
-def _evaluation(run: RunFolder) -> dict[str, Any]:
+def evaluation_of(run: RunFolder) -> dict[str, Any]:
+    """Return the mean scores of a run's evaluation, none before there is one or where it is damaged."""
+    if not run.metrics_file.is_file():
+        return {}
     try:
-        return evaluation_of(run)
+        value = read_json(run.metrics_file)
     except InputError:
         return {}
+    mean = value.get("mean") if isinstance(value, dict) else None
+    scores = mean.items() if isinstance(mean, dict) else ()
+    return {key: number for key, number in scores if is_finite_number(number)}

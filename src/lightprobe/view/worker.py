@@ -1,50 +1,149 @@
-"""The process that computes for the page, see `service.worker_loop`: what can be asked of it."""
+"""The process that computes for the page, see `web.worker`: what it can be asked for, and the files that it leaves.
+
+A task says "run" and "folder", where its files go; of a file that came in "upload" and "name".
+"""
 
 import sys
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import torch
+
 from lightprobe.core.device import resolve_device
-from lightprobe.runs.loaded import LoadedRuns
-from lightprobe.service.incoming import renamed
-from lightprobe.service.worker_loop import Tell, answer_requests
-from lightprobe.view.forming import FormingObjects
-from lightprobe.view.inserting import insert_thing
-from lightprobe.view.jobs import TaskName
-from lightprobe.view.predicting import load, predict
+from lightprobe.core.files import read_json, write_bytes
+from lightprobe.evaluation import relight
+from lightprobe.evaluation.three_spheres import ThreeSpheres
+from lightprobe.export import write_picture
+from lightprobe.imaging import read_ldr, read_mask, write_png
+from lightprobe.insertion import PhotoView, Wish, insert, load_thing
+from lightprobe.insertion.layers import LayerFiles
+from lightprobe.jobs import Answer, AnswerFiles, Output, PredictRequest, Sessions, predict_photo
+from lightprobe.jobs.insertion import doubt_about_up
+from lightprobe.light.environment import Environment
+from lightprobe.light.files import plane
+from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.scene.background import is_opaque
+from lightprobe.scene.camera import Camera
+from lightprobe.view.checkpoint_preview import CheckpointPreviews
+from lightprobe.view.pictures import SIDE, jpeg
+from lightprobe.view.tasks import TaskKind
+from lightprobe.web.uploads import renamed
+from lightprobe.web.worker import Tell, answer_requests
 
-
-class Tasks:
-    """What can be asked for, and what is kept between requests."""
-
-    def __init__(self, device: str):
-        where = resolve_device(device)
-        self._runs, self._forming = (
-            LoadedRuns(where, most=1),
-            FormingObjects(where),
-        )  # two need not be held at once
-
-    def answer(self, request: dict[str, Any], tell: Tell) -> dict[str, Any]:
-        """Return the result of a request; raise `LightprobeError` when it cannot be had."""
-        match TaskName(request["task"]):
-            case TaskName.PREDICT:
-                return predict(self._runs, request, tell)
-            case TaskName.INSERT:
-                return insert_thing(self._runs, request, tell)
-            case TaskName.LOAD:
-                return load(self._runs, request)
-            case TaskName.FORMING:
-                return self._forming.write(Path(request["run"]), Path(request["folder"]), tell)
+_BALL = 192  # pixels across a ball
+_MAP, _INSERTED = "light.exr", "inserted.png"
+_TITLES = {
+    "photo.jpg": "photo",
+    "overlay.png": "the object's outline in the photo",
+    "mask.png": "mask",
+    "camera.json": "camera",
+    _MAP: "environment map, OpenEXR",
+    "light.hdr": "environment map, Radiance HDR",
+    "light.light.json": "the light in numbers: lamps, harmonics, exposure",
+    "light.png": "environment map, picture",
+    "confidence.exr": "confidence, OpenEXR",
+    "confidence.png": "confidence, picture",
+    "balls.png": "diffuse, matte and mirror ball",
+    "render.png": "the object under this light",
+    _INSERTED: "the photo with it",
+    "inserted.beauty.exr": "the virtual object alone, linear",
+    "inserted.shadow.exr": "what it takes from the light, linear",
+    "inserted.mask.exr": "its mask",
+}
 
 
 def main() -> None:
-    """Answer requests until there are no more."""
-    answer_requests(Tasks(sys.argv[1]).answer, _reworded)
+    """Answer requests until there are no more; the argument is the device to compute on."""
+    device = resolve_device(sys.argv[1])
+    sessions, previews = Sessions(device, most=1), CheckpointPreviews(device)  # two need not be held at once
+
+    def answer(task: dict[str, Any], tell: Tell) -> dict[str, Any]:
+        folder, kind = Path(task["folder"]), TaskKind(task["task"])
+        if kind is TaskKind.PREVIEW:
+            return previews.write(Path(task["run"]), folder, tell)
+        if kind is TaskKind.LOAD:
+            return _load(sessions, task)
+        told = (_predict if kind is TaskKind.PREDICT else _insert)(sessions, task, folder, tell)
+        files = [
+            {"name": name, "title": words} for name, words in _TITLES.items() if (folder / name).is_file()
+        ]
+        return {**told, "files": files}
+
+    answer_requests(answer, _reworded)
 
 
-def _reworded(request: dict[str, Any], sentence: str) -> str:
-    upload = request.get("upload")
-    return sentence if upload is None else renamed(sentence, {Path(upload): request.get("name", "")})
+def _reworded(task: dict[str, Any], sentence: str) -> str:
+    upload = task.get("upload")
+    return sentence if upload is None else renamed(sentence, {Path(upload): task.get("name", "")})
+
+
+def _load(sessions: Sessions, task: dict[str, Any]) -> dict[str, Any]:
+    """Load what the first photo of a run would wait for."""
+    session = sessions.get(task["run"])
+    if session.run.views_file.is_file():
+        session.locator  # noqa: B018  loaded
+    return {}
+
+
+def _predict(sessions: Sessions, task: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
+    """Predict the light in a photo; raise `InputError` for a photo without the object and one that no light explains."""
+    upload = Path(task["upload"])
+    tell("loading the object")
+    session = sessions.get(task["run"])
+    request = PredictRequest(photo=upload, name=task["name"])
+    answer = predict_photo(session, request, AnswerFiles.within(folder, Output), tell)
+    tell("drawing")
+    camera, light = answer.facts.camera, answer.prediction.environment
+    write_picture(
+        folder / "render.png", *relight(session.predictor.decomposition, light, camera.within(SIDE))
+    )
+    write_bytes(folder / "photo.jpg", jpeg(read_ldr(upload)[0]))
+    _draw(answer, folder)
+    told, known = answer.to_json(), answer.light
+    return {
+        **told,
+        "verdict": told["verdict"]["status"],
+        "pose": None if told["pose"] is None else told["pose"]["status"],
+        "sentences": answer.sentences,
+        "camera": known["photo"]["camera"],
+        "confidence": known["confidence"]["mean"],
+        "sources": known["sources"],
+    }
+
+
+def _draw(answer: Answer, folder: Path) -> None:
+    """Write the confidence and three balls under the light as the page shows them."""
+    prediction, axes = answer.prediction, torch.from_numpy(answer.facts.camera.camera_to_world[:3, :3].copy())
+    write_png(folder / "confidence.png", confidence_colors(plane(prediction.confidence)), srgb=False)
+    map = torch.from_numpy(prediction.environment.panorama())
+    balls = ThreeSpheres(axes[:, 2], axes[:, 1]).picture(map, _BALL).clamp(0, 1).numpy()
+    disc = np.hypot(*np.meshgrid(*[(np.arange(_BALL) + 0.5) * 2 / _BALL - 1] * 2)) < 1
+    write_png(folder / "balls.png", balls, np.tile(disc, 3).astype(np.float32), srgb=False)
+
+
+def _insert(sessions: Sessions, task: dict[str, Any], folder: Path, tell: Tell) -> dict[str, Any]:
+    """Put a GLB into the file `photo`, whose light the folder `prediction` holds.
+
+    Raises `InputError` for a GLB that cannot be used, `ConfigError` for a place that cannot be.
+    """
+    prediction, image = Path(task["prediction"]), Path(task["photo"])
+    tell("loading the object")
+    session = sessions.get(task["run"])
+    given, light = load_thing(Path(task["upload"])), Environment.load(prediction / _MAP, session.device)
+    camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
+    photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
+    at = None if task["at"] is None else (task["at"][0] * camera.width, task["at"][1] * camera.height)
+    tell("putting it into the photo")
+    wish = Wish(at, task["scale"], task["turn"])
+    made = insert(session.predictor.decomposition, light, photo, given, wish)
+    made.write(LayerFiles.of(folder / _INSERTED))
+    return {
+        "picture": _INSERTED,
+        "at": [made.at[0] / camera.width, made.at[1] / camera.height],
+        "scale": made.scale,
+        "sentences": [*doubt_about_up(session.run), *made.warnings],
+    }
 
 
 if __name__ == "__main__":

@@ -76,22 +76,22 @@ export function upload(path, file, limit, onShare = () => {}) {
   });
 }
 
-/** Follow a job to its end, telling `onJob` of each state; returns it, or throws its sentence.
+/** Follow a task to its end, telling `onTask` of each state; returns it, or throws its sentence.
  *
- * The job goes on without this page: one that cannot be asked after now is asked after again. */
-export async function follow(job, onJob = () => {}) {
-  while (job.state === "waiting" || job.state === "running") {
-    onJob(job);
+ * The task goes on without this page: one that cannot be asked after now is asked after again. */
+export async function follow(task, onTask = () => {}) {
+  while (task.state === "waiting" || task.state === "running") {
+    onTask(task);
     await new Promise((done) => setTimeout(done, 250));
     try {
-      job = await getJson(`/api/jobs/${job.id}`);
+      task = await getJson(`/api/tasks/${task.id}`);
     } catch (error) {
       if (!(error instanceof ServerLost)) throw error;
     }
   }
-  onJob(job);
-  if (job.state === "failed") throw new Refusal(job.sentence);
-  return job;
+  onTask(task);
+  if (task.state === "failed") throw new Refusal(task.sentence);
+  return task;
 }
 
-export const jobFile = (job, name, save = false) => `/api/jobs/${job.id}/files/${name}${save ? "?save=true" : ""}`;
+export const taskFile = (task, name, save = false) => `/api/tasks/${task.id}/files/${name}${save ? "?save=true" : ""}`;

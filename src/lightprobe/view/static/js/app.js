@@ -2,7 +2,7 @@
 
 import { getJson, ServerLost } from "./api.js";
 import { $, el, fillSelect, say, unsay } from "./dom.js";
-import { refreshJobs, state, tell } from "./state.js";
+import { refreshTasks, state, tell } from "./state.js";
 
 const PAGES = { object: "./object.js", photo: "./photo.js", training: "./training.js", masks: "./masks.js" };
 const HEARTBEAT = 3000; // milliseconds
@@ -82,7 +82,7 @@ async function start() {
   listRuns();
   $("run").addEventListener("change", () => choose(Number($("run").value)));
   window.addEventListener("hashchange", () => open(location.hash.slice(1)));
-  guarded(refreshJobs);
+  guarded(refreshTasks);
   await open(location.hash.slice(1) || firstPage());
   heartbeat();
 }

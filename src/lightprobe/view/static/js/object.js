@@ -17,7 +17,7 @@ export async function show() {
     viewer = new Viewer($("view"));
     listen();
     new ResizeObserver(layout).observe($("stage"));
-    on("jobs", () => state.about.has(state.run) && listLights(state.about.get(state.run)));
+    on("tasks", () => state.about.has(state.run) && listLights(state.about.get(state.run)));
   }
   if (shown.run === state.run) {
     layout();
@@ -73,7 +73,7 @@ function note(text) {
 function listLights(about) {
   const trained = about.photos.flatMap((photo, i) => (photo.light ? [[`photo:${i}`, photo.name]] : []));
   const groups = [
-    { label: "Predicted", options: predictions().map((job) => [`job:${job.id}`, job.title]) },
+    { label: "Predicted", options: predictions().map((task) => [`task:${task.id}`, task.title]) },
     { label: "Yours", options: own.map(({ id, name }) => [`own:${id}`, name]) },
     { label: "Training photos", options: trained },
   ];
@@ -91,7 +91,7 @@ function listPhotos(about) {
 
 function lightPath(value) {
   const [kind, id] = value.split(":");
-  return { photo: `/api/runs/${state.run}/photos/${id}/light`, job: `/api/jobs/${id}/light`, own: `/api/lights/${id}` }[kind];
+  return { photo: `/api/runs/${state.run}/photos/${id}/light`, task: `/api/tasks/${id}/light`, own: `/api/lights/${id}` }[kind];
 }
 
 async function useLight() {

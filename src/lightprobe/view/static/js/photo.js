@@ -1,21 +1,21 @@
 // The page "Photo": a photo in, the light around the object and all that follows from it out.
 
-import { follow, jobFile, sendJson, upload } from "./api.js";
+import { follow, taskFile, sendJson, upload } from "./api.js";
 import { guarded } from "./app.js";
 import { $, el, say } from "./dom.js";
 import { placing } from "./placing.js";
 import { lightMap, sidePictures, verdict, wiped } from "./results.js";
-import { aboutRun, on, predictions, refreshJobs, state } from "./state.js";
+import { aboutRun, on, predictions, refreshTasks, state } from "./state.js";
 
 let ready = false;
 let loaded = null; // the run that the server was told to load
-let current = null; // the job that is shown
+let current = null; // the task that is shown
 
 export async function show(changed = false) {
   if (!ready) {
     ready = true;
     listen();
-    on("jobs", listRecent);
+    on("tasks", listRecent);
   }
   if (changed) clear();
   const run = state.run;
@@ -26,7 +26,7 @@ export async function show(changed = false) {
   if (!about.object) {
     $("result").replaceChildren(el("p", { className: "no-object", textContent: "This run has no object yet: light can be read off photos when its training is done." }));
   }
-  await refreshJobs();
+  await refreshTasks();
   if (about.object && loaded !== state.run) {
     loaded = state.run;
     await sendJson("POST", `/api/runs/${state.run}/load`);
@@ -71,62 +71,62 @@ async function predict(file) {
   const words = el("p", { textContent: `Sending ${file.name}…` });
   $("result").replaceChildren(words, bar);
   const run = state.run;
-  let job;
+  let task;
   try {
-    job = await upload(`/api/runs/${run}/predictions`, file, state.session.limits.photo, (share) => (bar.value = share));
+    task = await upload(`/api/runs/${run}/predictions`, file, state.session.limits.photo, (share) => (bar.value = share));
   } catch (error) {
     if (run === state.run) clear();
     throw error;
   }
-  if (run === state.run) await watch(job, words, bar);
+  if (run === state.run) await watch(task, words, bar);
 }
 
-async function watch(job, words, bar) {
-  current = job.id;
+async function watch(task, words, bar) {
+  current = task.id;
   bar.removeAttribute("value");
-  const stop = el("button", { type: "button", textContent: "Stop", onclick: () => guarded(() => sendJson("POST", `/api/jobs/${job.id}/stop`)) });
+  const stop = el("button", { type: "button", textContent: "Stop", onclick: () => guarded(() => sendJson("POST", `/api/tasks/${task.id}/stop`)) });
   $("result").append(stop);
   try {
-    job = await follow(job, (now) => {
+    task = await follow(task, (now) => {
       words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.title}: ${now.stage || "starting"}…`;
     });
   } catch (error) {
-    if (current === job.id) $("result").replaceChildren(el("p", { className: "verdict failed", textContent: error.message, role: "alert" }));
+    if (current === task.id) $("result").replaceChildren(el("p", { className: "verdict failed", textContent: error.message, role: "alert" }));
     return;
   }
-  await refreshJobs();
-  if (current === job.id) showResult(job);
+  await refreshTasks();
+  if (current === task.id) showResult(task);
 }
 
 function listRecent() {
-  const items = predictions().map((job) => {
-    const button = el("button", { type: "button", title: job.title, onclick: () => showResult(job) }, el("img", { src: jobFile(job, "photo.jpg"), alt: job.title }));
-    if (job.id === current) button.setAttribute("aria-current", "true");
+  const items = predictions().map((task) => {
+    const button = el("button", { type: "button", title: task.title, onclick: () => showResult(task) }, el("img", { src: taskFile(task, "photo.jpg"), alt: task.title }));
+    if (task.id === current) button.setAttribute("aria-current", "true");
     return el("li", {}, button);
   });
   $("recent").replaceChildren(...items);
 }
 
-function showResult(job) {
-  current = job.id;
+function showResult(task) {
+  current = task.id;
   listRecent();
-  const picture = wiped(job);
+  const picture = wiped(task);
   const under = el("button", {
     type: "button",
     textContent: "See the object under this light",
     onclick: async () => {
-      (await import("./object.js")).chooseLight(`job:${job.id}`);
+      (await import("./object.js")).chooseLight(`task:${task.id}`);
       location.hash = "object";
     },
   });
   $("result").replaceChildren(
-    verdict(job),
-    el("div", { className: "pictures" }, el("div", {}, picture.element, picture.controls, placing(job)), el("div", { className: "side" }, lightMap(job), sidePictures(job), under, files(job))),
+    verdict(task),
+    el("div", { className: "pictures" }, el("div", {}, picture.element, picture.controls, placing(task)), el("div", { className: "side" }, lightMap(task), sidePictures(task), under, files(task))),
   );
 }
 
-function files(job) {
-  const links = job.result.files.map(({ name, title }) => el("li", {}, el("a", { href: jobFile(job, name, true), download: name, textContent: name }), ` – ${title}`));
+function files(task) {
+  const links = task.result.files.map(({ name, title }) => el("li", {}, el("a", { href: taskFile(task, name, true), download: name, textContent: name }), ` – ${title}`));
   return el("details", { open: true }, el("summary", { textContent: "Files" }), el("ul", { className: "files" }, ...links));
 }
 

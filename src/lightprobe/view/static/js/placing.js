@@ -1,20 +1,20 @@
-// A thing of the person's own beside the object: a GLB, a place in the photo, a size and a turn.
+// A virtual object of the person's own beside the known object: a GLB, a place in the photo, a size and a turn.
 
-import { follow, jobFile, sendJson, upload } from "./api.js";
+import { follow, taskFile, sendJson, upload } from "./api.js";
 import { guarded } from "./app.js";
 import { el } from "./dom.js";
-import { refreshJobs, state } from "./state.js";
+import { refreshTasks, state } from "./state.js";
 
-let thing = null; // the last GLB: {id, name}
+let own = null; // the last GLB: {id, name}
 
 /** Return the controls, and below them what comes of them. */
 export function placing(photo) {
   const place = { at: null, scale: null, turn: 0 };
   const picture = el("div", { className: "pair placing" });
-  const photoImage = el("img", { src: jobFile(photo, "photo.jpg"), alt: "The photo: click where the thing is to stand" });
+  const photoImage = el("img", { src: taskFile(photo, "photo.jpg"), alt: "The photo: click where it is to stand" });
   const cross = el("span", { className: "mark", hidden: true });
   picture.append(photoImage, cross);
-  const where = el("p", { className: "quiet", textContent: "It stands beside the object; click into the photo for another place." });
+  const where = el("p", { className: "quiet", textContent: "It stands beside the known object; click into the photo for another place." });
   picture.addEventListener("click", (event) => {
     const box = photoImage.getBoundingClientRect();
     moveTo((event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height);
@@ -32,8 +32,8 @@ export function placing(photo) {
     Object.assign(cross.style, { left: `${100 * place.at[0]}%`, top: `${100 * place.at[1]}%` });
   }
   const out = el("div", { "aria-live": "polite" });
-  const name = el("span", { className: "quiet", textContent: thing ? thing.name : "no file yet" });
-  const go = el("button", { type: "button", className: "primary", textContent: "Put it in", disabled: !thing, onclick: () => guarded(() => insert(photo, place, out, go)) });
+  const name = el("span", { className: "quiet", textContent: own ? own.name : "no file yet" });
+  const go = el("button", { type: "button", className: "primary", textContent: "Put it in", disabled: !own, onclick: () => guarded(() => insert(photo, place, out, go)) });
   const file = el("input", { type: "file", accept: ".glb,model/gltf-binary", className: "file", "aria-label": "Choose a GLB file" });
   file.addEventListener("change", () => guarded(() => take(file, name, go)));
   const tools = el("div", { className: "under" }, el("label", { className: "button" }, file, "Choose a GLB…"), name);
@@ -60,10 +60,10 @@ async function take(file, name, go) {
   go.disabled = true;
   name.textContent = `Sending ${given.name}…`;
   try {
-    thing = await upload("/api/things", given, state.session.limits.thing, (share) => (name.textContent = `Sending ${given.name}: ${Math.round(100 * share)} %`));
+    own = await upload("/api/objects", given, state.session.limits.object, (share) => (name.textContent = `Sending ${given.name}: ${Math.round(100 * share)} %`));
   } finally {
-    name.textContent = thing ? thing.name : "no file yet";
-    go.disabled = !thing;
+    name.textContent = own ? own.name : "no file yet";
+    go.disabled = !own;
   }
 }
 
@@ -72,11 +72,11 @@ async function insert(photo, place, out, go) {
   const words = el("p", { textContent: "Starting…" });
   out.replaceChildren(words, el("progress", { "aria-label": "Insertion" }));
   try {
-    const job = await follow(await sendJson("POST", `/api/jobs/${photo.id}/insertions`, { thing: thing.id, ...place }), (now) => {
+    const task = await follow(await sendJson("POST", `/api/tasks/${photo.id}/insertions`, { object: own.id, ...place }), (now) => {
       words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Starting"}…`;
     });
-    out.replaceChildren(inserted(job));
-    await refreshJobs();
+    out.replaceChildren(inserted(task));
+    await refreshTasks();
   } catch (error) {
     out.replaceChildren(el("p", { className: "verdict failed", textContent: error.message, role: "alert" }));
   } finally {
@@ -84,10 +84,10 @@ async function insert(photo, place, out, go) {
   }
 }
 
-function inserted(job) {
-  const image = el("img", { src: jobFile(job, job.result.picture), alt: `${job.title} in the photo` });
-  const links = job.result.files.map(({ name, title }) => el("li", {}, el("a", { href: jobFile(job, name, true), download: name, textContent: name }), ` – ${title}`));
-  const doubts = [...job.result.sentences, ...(job.result.warnings ?? [])].map((text) => el("p", { className: "verdict doubtful", textContent: text }));
+function inserted(task) {
+  const image = el("img", { src: taskFile(task, task.result.picture), alt: `${task.title} in the photo` });
+  const links = task.result.files.map(({ name, title }) => el("li", {}, el("a", { href: taskFile(task, name, true), download: name, textContent: name }), ` – ${title}`));
+  const doubts = [...task.result.sentences, ...(task.result.warnings ?? [])].map((text) => el("p", { className: "verdict doubtful", textContent: text }));
   return el("div", {}, el("div", { className: "pair" }, image), ...doubts, el("ul", { className: "files" }, ...links));
 }
 

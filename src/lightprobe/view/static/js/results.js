@@ -1,18 +1,18 @@
 // The pictures of a prediction: the photo beside what is known of it, the map with its lamps, the balls.
 
-import { jobFile } from "./api.js";
+import { taskFile } from "./api.js";
 import { el } from "./dom.js";
 
 /** Return the photo under an upper picture that a slider wipes in: the object's outline, or its render. */
-export function wiped(job) {
-  const lower = el("img", { src: jobFile(job, "photo.jpg"), alt: `The photo ${job.title}` });
-  const upper = el("img", { className: "upper", src: jobFile(job, "overlay.png"), alt: "The object's outline in the photo" });
+export function wiped(task) {
+  const lower = el("img", { src: taskFile(task, "photo.jpg"), alt: `The photo ${task.title}` });
+  const upper = el("img", { className: "upper", src: taskFile(task, "overlay.png"), alt: "The object's outline in the photo" });
   const slider = el("input", { type: "range", min: 0, max: 100, value: 100, "aria-label": "Wipe between photo and picture" });
   const wipe = () => (upper.style.clipPath = `inset(0 ${100 - slider.value}% 0 0)`);
   slider.addEventListener("input", wipe);
   wipe();
-  const choices = choose(`upper-${job.id}`, [["overlay.png", "Outline"], ["render.png", "Render"], ["mask.png", "Mask"]], (name) => {
-    upper.src = jobFile(job, name);
+  const choices = choose(`upper-${task.id}`, [["overlay.png", "Outline"], ["render.png", "Render"], ["mask.png", "Mask"]], (name) => {
+    upper.src = taskFile(task, name);
     upper.alt = { "overlay.png": "The object's outline", "render.png": "The object under this light", "mask.png": "The object's mask" }[name];
   });
   return { element: el("div", { className: "pair" }, lower, upper), controls: el("div", { className: "under" }, choices, slider) };
@@ -27,17 +27,17 @@ export function choose(name, options, onChoice) {
 }
 
 /** Return the environment map, its confidence, and marks where the sun and lamps are. */
-export function lightMap(job) {
-  const image = el("img", { className: "map", src: jobFile(job, "light.png"), alt: "The environment map in all directions" });
-  const sources = job.result.sources ?? [];
+export function lightMap(task) {
+  const image = el("img", { className: "map", src: taskFile(task, "light.png"), alt: "The environment map in all directions" });
+  const sources = task.result.sources ?? [];
   const marks = sources.map((source, i) => mark(source, i));
   const words = sources.length ? `${sources.length === 1 ? "One lamp or sun is" : `${sources.length} lamps or suns are`} marked.` : "No lamp stands out.";
   const legend = el("figcaption", { textContent: `The light from all directions; z is up. ${words}` });
-  const choices = choose(`map-${job.id}`, [["light.png", "Light"], ["confidence.png", "Confidence"]], (name) => {
-    image.src = jobFile(job, name);
+  const choices = choose(`map-${task.id}`, [["light.png", "Light"], ["confidence.png", "Confidence"]], (name) => {
+    image.src = taskFile(task, name);
     const light = name === "light.png";
     image.alt = light ? "The environment map in all directions" : "How far each direction can be trusted";
-    legend.textContent = light ? `The light from all directions; z is up. ${words}` : `Yellow can be trusted, violet cannot; mean ${job.result.confidence.toFixed(2)}.`;
+    legend.textContent = light ? `The light from all directions; z is up. ${words}` : `Yellow can be trusted, violet cannot; mean ${task.result.confidence.toFixed(2)}.`;
   });
   const turned = el("div", { className: "pair" }, image, ...marks);
   turned.style.width = "100%";
@@ -53,12 +53,12 @@ function mark({ direction: [x, y, z], irradiance_rgb: rgb }, index) {
 }
 
 /** Return the balls under the light. */
-export const sidePictures = (job) =>
-  el("figure", {}, el("img", { className: "balls", src: jobFile(job, "balls.png"), alt: "A diffuse, a matte and a mirror ball under the light" }), el("figcaption", { textContent: "Diffuse, matte and mirror ball in the object's place." }));
+export const sidePictures = (task) =>
+  el("figure", {}, el("img", { className: "balls", src: taskFile(task, "balls.png"), alt: "A diffuse, a matte and a mirror ball under the light" }), el("figcaption", { textContent: "Diffuse, matte and mirror ball in the object's place." }));
 
 /** Return what is thought of the photo, and what it took. */
-export function verdict(job) {
-  const { verdict: status, pose, sentences, warnings = [], seconds } = job.result;
+export function verdict(task) {
+  const { verdict: status, pose, sentences, warnings = [], seconds } = task.result;
   const doubts = [...sentences, ...warnings];
   const where = pose ? `Pose ${pose}, photo ${status}` : `A photo of the run's own scene, photo ${status}`;
   const words = `${where}; ${seconds.all.toFixed(1)} s.`;

@@ -2,7 +2,7 @@
 
 import { getJson } from "./api.js";
 
-export const state = { session: null, run: 0, about: new Map(), jobs: [] };
+export const state = { session: null, run: 0, about: new Map(), tasks: [] };
 const changes = new EventTarget();
 
 export const on = (name, hear) => changes.addEventListener(name, (event) => hear(event.detail));
@@ -15,10 +15,10 @@ export async function aboutRun(index = state.run, fresh = false) {
 }
 
 /** Ask for the predictions and insertions so far, and tell those who show them. */
-export async function refreshJobs() {
-  state.jobs = await getJson("/api/jobs");
-  tell("jobs", state.jobs);
+export async function refreshTasks() {
+  state.tasks = await getJson("/api/tasks");
+  tell("tasks", state.tasks);
 }
 
 export const predictions = () =>
-  state.jobs.filter((job) => job.task === "predict" && job.state === "done" && job.about.run_index === state.run);
+  state.tasks.filter((task) => task.kind === "predict" && task.state === "done" && task.about.run_index === state.run);

@@ -3,7 +3,7 @@
 import { getJson, ServerLost } from "./api.js";
 import { drawChart } from "./charts.js";
 import { $, duration, el, say } from "./dom.js";
-import { FormingView } from "./forming.js";
+import { CheckpointPreview } from "./preview.js";
 import { on, state } from "./state.js";
 
 const EVERY = 2000; // milliseconds
@@ -16,7 +16,7 @@ export async function show(changed = false) {
   if (!parts.loss) build();
   if (changed || !watched || watched.run !== state.run) {
     watched = { run: state.run, records: [], next: 0 };
-    parts.forming.clear();
+    parts.preview.clear();
   }
   hide();
   await ask();
@@ -35,12 +35,12 @@ function build() {
   parts.quality = el("canvas", { className: "chart", role: "img", "aria-label": "Quality on held-out photos by step" });
   parts.log.className = "log";
   parts.held = el("div", {}, el("h3", { textContent: "Held-out photos, PSNR in dB" }), parts.quality);
-  parts.forming = new FormingView();
+  parts.preview = new CheckpointPreview();
   $("page-training").append(
     parts.head, parts.numbers, parts.bars,
     el("div", { className: "watch" },
       el("div", {}, el("h3", { textContent: "Loss" }), parts.loss, parts.held, parts.scores),
-      el("div", {}, el("h3", { textContent: "The object as it forms" }), parts.forming.element, el("h3", { textContent: "Log" }), parts.log)),
+      el("div", {}, el("h3", { textContent: "The newest checkpoint" }), parts.preview.element, el("h3", { textContent: "Log" }), parts.log)),
   );
   new ResizeObserver(() => watched?.state && draw()).observe(parts.loss);
 }
@@ -56,7 +56,7 @@ async function ask() {
     mine.records.push(...answer.records);
     [mine.next, mine.state] = [answer.next, answer];
     draw();
-    parts.forming.update(mine.run, answer);
+    parts.preview.update(mine.run, answer);
   } catch (error) {
     if (!(error instanceof ServerLost)) say(error.message, { key: "training" });
   }
