@@ -26,6 +26,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from lightprobe.runs.bench import find_scene
 
 from composed_photos import background, composed
 from lightprobe.core.errors import InputError
@@ -38,7 +39,6 @@ from lightprobe.light.environment import Environment
 from lightprobe.localization import Located, Locator, PoseStatus, stored_views
 from lightprobe.prediction import Predictor
 from lightprobe.render.surface import View, visible_surface
-from lightprobe.runs.bench import find_scene
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from lightprobe.report.markdown import markdown_table
 from torch import Tensor
 
 from composed_photos import background
@@ -32,7 +33,6 @@ from lightprobe.reconstruction.surroundings import light_level, pixels_level
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.surface import visible_surface
-from lightprobe.report.markdown import markdown_table
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Photo, Scene

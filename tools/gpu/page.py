@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from gpu.boxes import Outcome, Setting, child_command, pace_rows, run_part
 from lightprobe.report.provenance import commit, machine
+
+from gpu.boxes import Outcome, Setting, child_command, pace_rows, run_part
 
 SCRIPT = Path(__file__).parents[1] / "measure_gpu.py"
 

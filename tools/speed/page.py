@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import torch
+from lightprobe.report.provenance import commit, machine
 
 from lightprobe.core.run import RunFolder
-from lightprobe.report.provenance import commit, machine
 from speed import training
 from speed.kernels import LOBE, all_kernels, culled_line, kernel_rows, time_kernel, time_prefilter
 from speed.limits import Limits, measure_limits

@@ -9,6 +9,7 @@ import time
 from dataclasses import dataclass
 
 import torch
+from lightprobe.report.provenance import commit, machine
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
 from lightprobe.core.errors import InputError
@@ -17,7 +18,6 @@ from lightprobe.distillation.training import train
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.reconstruction import Progress, decompose
-from lightprobe.report.provenance import commit, machine
 from lightprobe.scene.photo import Scene
 from speed.clock import median_gap
 from speed.kernels import LOBE

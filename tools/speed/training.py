@@ -9,10 +9,11 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from lightprobe.report.provenance import training_costs
+
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
 from lightprobe.reconstruction.image_task import ImageTask
-from lightprobe.report.provenance import training_costs
 from speed import phase1, phase2
 from speed.ball import ball
 from speed.growth import Cases, growth_rows

@@ -1,8 +1,8 @@
 from pathlib import Path
 
+from benchmarks.provenance import training_costs, without_places
 from lightprobe.core.run import RunFolder
 from lightprobe.core.timings import PhaseTiming, write_timing
-from lightprobe.report.provenance import training_costs, without_places
 
 
 def test_places_are_named_by_whole_folders_the_innermost_first():

@@ -1,9 +1,9 @@
 import itertools
 
-from lightprobe.report.bench_results import BenchResults
-from lightprobe.report.paper_tables import paper_page
-from lightprobe.report.records import Kind
-from tests.report.results import metrics, record
+from benchmarks.paper_tables import paper_page
+from benchmarks.record import Kind
+from benchmarks.results import BenchResults
+from tests.benchmarks.records import metrics, record
 
 
 def section(page: str, title: str) -> str:

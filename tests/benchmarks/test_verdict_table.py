@@ -1,9 +1,8 @@
+from benchmarks.record import Kind, Record
+from benchmarks.results import BenchResults
+from benchmarks.tables import results_page, verdict_table
 from lightprobe.models import LightAccuracy, ObjectVerdict
-from lightprobe.report.bench_results import BenchResults
-from lightprobe.report.records import Kind, Record
-from lightprobe.report.results import results_page
-from lightprobe.report.verdict_table import verdict_table
-from tests.report.results import metrics, record, spheres
+from tests.benchmarks.records import metrics, record, spheres
 
 
 def judged(

@@ -1,9 +1,8 @@
 import itertools
 
-from lightprobe.report.bench_results import BenchResults
-from lightprobe.report.records import Kind
-from lightprobe.report.results import results_page
-from lightprobe.report.results_tables import (
+from benchmarks.record import Kind
+from benchmarks.results import BenchResults
+from benchmarks.tables import (
     comparison_table,
     confidence_table,
     image_table,
@@ -14,12 +13,13 @@ from lightprobe.report.results_tables import (
     published_images_table,
     published_lights_table,
     record_table,
+    results_page,
     scene_table,
     seed_table,
     slow_table,
     time_table,
 )
-from tests.report.results import metrics, record, spheres
+from tests.benchmarks.records import metrics, record, spheres
 
 CUT = "1500 of 40 000 + 2000 of 30 000"
 

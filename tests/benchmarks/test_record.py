@@ -2,9 +2,9 @@ import json
 
 import pytest
 
+from benchmarks.record import Kind, Record, read_records
 from lightprobe.core.errors import InputError
-from lightprobe.report.records import Kind, Record, read_records
-from tests.report.results import metrics, record
+from tests.benchmarks.records import metrics, record
 
 
 def test_a_record_comes_back_with_means_and_intervals_by_light(tmp_path):

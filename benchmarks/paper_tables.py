@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 
-from lightprobe.report.bench_results import PAPER_METHOD, BenchResults, method_name
-from lightprobe.report.markdown import NONE, markdown_table, mean, number
-from lightprobe.report.published import PAPER_LOSSES, PAPER_SECONDS, PAPER_TABLES, PaperTable, Scores
-from lightprobe.report.records import Record
+from benchmarks.markdown import NONE, markdown_table, mean, number
+from benchmarks.published import PAPER_LOSSES, PAPER_SECONDS, PAPER_TABLES, PaperTable, Scores
+from benchmarks.record import Record
+from benchmarks.results import PAPER_METHOD, BenchResults, method_name
 
 _NOT_RUN = "not run"
 

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from benchmarks.record import Kind, Record
 from lightprobe.evaluation.three_spheres import SPHERES
-from lightprobe.report.records import Kind, Record
 
 LIGHT = {"relit_psnr": 20.0, "relit_psnr_scaled": 25.0, "light_log_rmse": 1.0, "psnr_unseen": 21.0}
 

@@ -6,15 +6,23 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.record import Record
+from benchmarks.run import (
+    LESSONS,
+    LOSSES,
+    BenchOptions,
+    Step,
+    find_scene,
+    paper_options,
+    run_bench,
+    share_phase_one,
+)
+from benchmarks.tables import Tables, write_pages
 from lightprobe.core.config import Preset, settings
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
-from lightprobe.report.records import Record
-from lightprobe.runs.bench import BenchOptions, Step, find_scene, run_bench, write_pages
-from lightprobe.runs.bench_runs import paper_options, share_phase_one
-from lightprobe.runs.benchmark import LESSONS, LOSSES
-from tests.runs.program import Program
+from tests.benchmarks.program import Program
 
 
 @pytest.fixture
@@ -198,7 +206,7 @@ def test_no_folder_of_the_machine_is_on_the_pages_or_in_the_records(data, tmp_pa
         "lightprobe eval FOLDER/variants/chair.lessons.with-HDRIs --scene DATA/chair --methods probe-net"
         in page
     )
-    files = [*(tmp_path / "records").iterdir(), tmp_path / "R.md", tmp_path / "paper-tables.md"]
+    files = [*(tmp_path / "records").iterdir(), tmp_path / "R.md"]
     assert not any(str(tmp_path) in file.read_text() for file in files)
 
 
@@ -231,7 +239,7 @@ def test_other_seeds_train_the_default_alone_in_runs_of_their_own(data, tmp_path
 def test_seeds_wait_for_the_run_that_names_the_default(data, tmp_path, calls, capsys, ask):
     ask(seeds=(0, 1), scenes=("chair",), steps=(Step.SEEDS,))
     assert calls == []
-    assert "SKIPPED chair, seed 1: the scene's run has no numbers yet" in capsys.readouterr().out
+    assert "SKIPPED chair.seed1: the scene's run has no numbers yet" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("step", [Step.LESSONS, Step.LOSSES])
@@ -356,14 +364,13 @@ def test_the_pages_are_written_from_records_alone(data, tmp_path, calls, ask):
     before = (tmp_path / "R.md").read_text()
     calls.clear()
     page = tmp_path / "again" / "R.md"
-    write_pages(BenchOptions(records=tmp_path / "records", data=tmp_path / "gone", results=page))
-    assert calls == []
+    write_pages(Tables(tmp_path / "records", page, page.with_name("paper-tables.md")), ("chair",))
     assert page.read_text() == before
-    assert (tmp_path / "again" / "paper-tables.md").is_file()
+    assert page.with_name("paper-tables.md").is_file()
     (tmp_path / "empty").mkdir()
     for folder in ("no", "empty"):
         with pytest.raises(ConfigError, match="--records"):
-            write_pages(BenchOptions(records=tmp_path / folder, results=page))
+            write_pages(Tables(tmp_path / folder, page))
     assert page.read_text() == before
 
 
