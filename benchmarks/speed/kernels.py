@@ -25,13 +25,11 @@ import numpy as np
 import scipy.sparse
 import torch
 
-from lightprobe.kernels import sparse_product, stack_probes
-from lightprobe.light import cubemap, prefilter
-from lightprobe.light.culled_stacking import stack_on_cubemap
-from speed import cases
-from speed.ball import CPU
-from speed.clock import seconds
-from speed.limits import Limits
+from benchmarks.speed import cases
+from benchmarks.speed.ball import CPU
+from benchmarks.speed.timing import Limits, seconds
+from lightprobe.kernels import sparse_product
+from lightprobe.light import prefilter
 
 LOBE = 6 + 6 + 5 + 4 + 1 + 5 + 3  # operations of a pair before it is summed
 TABLE = ("kernel", "Numba, ms", "reference, ms", "ratio", "work", "rate", "share of the limit")
@@ -201,20 +199,3 @@ def kernel_rows(timings: list[Timing], limits: Limits) -> list[str]:
         work = f"{kernel.work / 1e9:.3f} {unit} | {rate / 1e9:.1f} {unit}/s | {100 * rate / limit:.0f} %"
         rows.append(f"| {kernel.name} | {times} | {work} |")
     return rows
-
-
-def culled_line(resolution: int, repeats: int) -> str:
-    """Return what culled stacking saves beside all pairs, and its error."""
-    pixels = cases.sphere_pixels()
-    directions = cubemap.directions(resolution).reshape(-1, 3)
-    every = seconds(lambda: stack_probes(*pixels, directions), 1, warm_up=False)
-    exact, culled = (
-        stack_probes(*pixels, directions)[0],
-        stack_on_cubemap(*pixels, resolution)[0].reshape(-1, 3),
-    )
-    part = seconds(lambda: stack_on_cubemap(*pixels, resolution), repeats)
-    error = float((culled - exact).norm() / exact.norm())
-    return (
-        f"Culled stacking of {len(pixels[0]):,} pixels onto 6 x {resolution}²: {1000 * part:.0f} ms, all pairs "
-        f"{1000 * every:.0f} ms ({every / part:.1f} times); relative L2 error {error:.1e}, its bound 1e-3."
-    )
