@@ -12,7 +12,7 @@ MEASUREMENTS = {
     "gpu": "tests, kernels, trainings and predictions on a GPU, into GPU.md",
     "golden": "the scores that tests/runs/test_golden.py holds later code to",
     "fleet": "a fleet's cost beside the work itself, and a machine that dies",
-    "insert": "a virtual object put into a photo, against path-traced truth",
+    "insertion": "a virtual object put into a photo, against path-traced truth",
     "locate": "poses of new photos, and photos without the object",
     "memory": "peak memory of commands by the size of a photo",
     "object": "Phase I alone against the true object and lights",

@@ -1,8 +1,8 @@
 """Measures a fleet: what it costs beside the work itself, and what it does when a machine dies.
 
-    python tools/measure_fleet.py load [--rows 100000] [--ray]
-    python tools/measure_fleet.py photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
-    python tools/measure_fleet.py nodes SCENE [--nodes 3] [--scenes 6]
+    python -m benchmarks fleet load [--rows 100000] [--ray]
+    python -m benchmarks fleet photos RUN [--photos 400] [--alone 400] [--workers 1] [--method probe-net] [--sources]
+    python -m benchmarks fleet nodes SCENE [--nodes 3] [--scenes 6]
 
 load: predictions that do nothing, so that what is left is reading jobs, handing out tasks and writing the index; with
 --ray the tasks go through Ray, without it they are called here.
@@ -18,7 +18,6 @@ Everything goes to a temporary folder. Prints what was found, and ends with 1 wh
 import argparse
 import math
 import shutil
-import sys
 import tempfile
 import threading
 import time
@@ -32,7 +31,6 @@ import pyarrow.parquet
 from compare_runs import differences
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import Method, PredictConfig
-from lightprobe.core.errors import LightprobeError
 from lightprobe.core.memory import peak_memory
 from lightprobe.core.run import RunFolder
 from lightprobe.fleet.executor import Executor, Needs, Outcome, Result, Task
@@ -85,26 +83,17 @@ FEW_STEPS = SceneOptions(
 
 
 class Nothing:
-    """An executor that calls `nothing` here in place of every task."""
+    """An executor that calls `nothing` in place of every task: through another executor, or here without one."""
 
-    def run(
-        self, function: Callable[[Task], Result], tasks: Iterable[Task], needs: Needs
-    ) -> Iterator[Outcome[Task, Result]]:
-        """Yield rows without any work."""
-        for task in tasks:
-            yield Outcome(task, nothing(task))  # type: ignore[arg-type]
-
-
-class NothingOnRay:
-    """The same through Ray."""
-
-    def __init__(self, executor: Executor):
+    def __init__(self, executor: Executor | None):
         self._executor = executor
 
     def run(
         self, function: Callable[[Task], Result], tasks: Iterable[Task], needs: Needs
     ) -> Iterator[Outcome[Task, Result]]:
         """Yield rows without any work."""
+        if self._executor is None:
+            return (Outcome(task, nothing(task)) for task in tasks)  # type: ignore[arg-type]
         return self._executor.run(nothing, tasks, needs)  # type: ignore[arg-type]
 
 
@@ -137,7 +126,7 @@ def measure_load(rows: int, on_ray: bool) -> int:
             "photo": [f"s3://bucket/photos/object-{row // 1000:05d}/{row:09d}.jpg" for row in range(rows)],
         }
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
-        executor: Executor = NothingOnRay(stack.enter_context(cluster())) if on_ray else Nothing()
+        executor: Executor = Nothing(stack.enter_context(cluster()) if on_ray else None)
         begin, used = time.perf_counter(), time.process_time()
         found = predict_fleet(
             root / "jobs.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1)
@@ -196,20 +185,16 @@ def _fleet(
     root: Path, name: str, executor: Executor, options: PhotoOptions, workers: int, photos: int
 ) -> float:
     """Return photos per second of a fleet, of the first `photos` jobs."""
+    import ray
+
     table = pyarrow.parquet.read_table(root / "jobs.parquet").slice(0, photos)
     pyarrow.parquet.write_table(table, root / f"{name}.parquet")
     begin = time.perf_counter()
-    cores = _cores(executor) / workers  # as many tasks at once as wanted
+    cores = ray.cluster_resources()["CPU"] / workers  # as many tasks at once as wanted
     predict_fleet(
         root / f"{name}.parquet", root / name, executor, options=options, needs=Needs(cpus=cores, memory=1)
     )
     return photos / (time.perf_counter() - begin)
-
-
-def _cores(executor: Executor) -> float:
-    import ray
-
-    return float(ray.cluster_resources()["CPU"])
 
 
 def _alone(jobs: Sequence[Job], root: Path, options: PhotoOptions) -> float:
@@ -237,14 +222,8 @@ def measure_nodes(scene: Path, nodes: int, scenes: int) -> int:
             with cluster(machines.address) as executor:
                 killer.start()
                 begin = time.perf_counter()
-                found = train_fleet(
-                    root / "scenes",
-                    root / "runs",
-                    executor,
-                    FEW_STEPS,
-                    needs=Needs(memory=0.1),
-                    on_progress=_say,
-                )
+                needs, places = Needs(memory=0.1), (root / "scenes", root / "runs")
+                found = train_fleet(*places, executor, FEW_STEPS, needs=needs, on_progress=_say)
                 seconds = time.perf_counter() - begin
                 killer.join()
         finally:
@@ -279,7 +258,7 @@ def _kill(machines: object, doomed: object, runs: Path, count: int) -> None:
     machines.remove_node(doomed, allow_graceful=False)  # type: ignore[attr-defined]
 
 
-def main(words: Sequence[str] | None = None) -> int:
+def main(words: Sequence[str]) -> int:
     """Read the command line, measure, and return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -290,9 +269,8 @@ def main(words: Sequence[str] | None = None) -> int:
     load.add_argument("--ray", action="store_true")
     photos = kinds.add_parser("photos")
     photos.add_argument("run", type=Path, metavar="RUN")
-    photos.add_argument("--photos", type=int, default=400)
-    photos.add_argument("--alone", type=int, default=400)
-    photos.add_argument("--workers", type=int, default=1)
+    for name, value in (("photos", 400), ("alone", 400), ("workers", 1)):
+        photos.add_argument(f"--{name}", type=int, default=value)
     photos.add_argument("--method", type=Method, default=Method.PROBE_NET)
     photos.add_argument("--sources", action="store_true")
     nodes = kinds.add_parser("nodes")
@@ -300,17 +278,9 @@ def main(words: Sequence[str] | None = None) -> int:
     nodes.add_argument("--nodes", type=int, default=3)
     nodes.add_argument("--scenes", type=int, default=6)
     given = parser.parse_args(words)
-    try:
-        if given.kind == "load":
-            return measure_load(given.rows, given.ray)
-        if given.kind == "photos":
-            options = PhotoOptions(given.method, sources=given.sources)
-            return measure_photos(given.run, given.photos, given.alone, given.workers, options)
-        return measure_nodes(given.scene, given.nodes, given.scenes)
-    except LightprobeError as error:
-        print(error, file=sys.stderr)
-        return error.exit_code
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    if given.kind == "load":
+        return measure_load(given.rows, given.ray)
+    if given.kind == "photos":
+        options = PhotoOptions(given.method, sources=given.sources)
+        return measure_photos(given.run, given.photos, given.alone, given.workers, options)
+    return measure_nodes(given.scene, given.nodes, given.scenes)

@@ -1,8 +1,8 @@
 """Measure how the scores of a few-step training of the bundled scene spread over seeds; a test holds later
 code to it.
 
-    python tools/measure_golden.py --seeds 8              # seeds 1 to 8, into tests/runs/golden_demo.json
-    python tools/measure_golden.py --seeds 12 --more      # those that the file does not have yet
+    python -m benchmarks golden --seeds 8              # seeds 1 to 8, into tests/runs/golden_demo.json
+    python -m benchmarks golden --seeds 12 --more      # those that the file does not have yet
 
 After a change that is meant to move the scores, measure them anew and commit the file with the change. The
 test trains once with seed 0, which is in no such file, and expects every score within its prediction
@@ -15,10 +15,9 @@ another seed does: hence the seeds as a yardstick.
 
 import argparse
 import math
-import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from statistics import fmean, stdev
 
@@ -63,18 +62,6 @@ _DISTILL = DistillConfig(
 )
 
 
-@dataclass(frozen=True)
-class Interval:
-    """Between what two values a score is expected."""
-
-    low: float
-    high: float
-
-    def __contains__(self, value: float) -> bool:
-        """Return whether a value lies within."""
-        return self.low <= value <= self.high
-
-
 def small_scene() -> Scene:
     """Return the bundled scene with every fourth training photo and two test photos."""
     scene = lightprobe.load_scene(ROOT / "src" / "lightprobe" / "assets" / "demo")
@@ -95,8 +82,8 @@ def scores(scene: Scene, seed: int) -> dict[str, float]:
 
 def intervals(
     measured: Mapping[str, Mapping[str, float]], false_alarm: float = FALSE_ALARM
-) -> dict[str, Interval]:
-    """Return the prediction interval of every score; `measured` has the scores of each seed, by its name.
+) -> dict[str, tuple[float, float]]:
+    """Return between what two values every score is expected; `measured` has the scores of each seed, by its name.
 
     Raises `ValueError` for fewer than three seeds, whose spread says nothing.
     """
@@ -108,7 +95,7 @@ def intervals(
     for name in names:
         values = [run[name] for run in runs]
         width = quantile * stdev(values) * math.sqrt(1 + 1 / len(values))
-        found[name] = Interval(fmean(values) - width, fmean(values) + width)
+        found[name] = (fmean(values) - width, fmean(values) + width)
     return found
 
 
@@ -120,8 +107,8 @@ def summary(measured: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, 
     }
 
 
-def main(words: Sequence[str] | None = None) -> int:
-    """Read the command line, measure, and return the exit status."""
+def main(words: Sequence[str]) -> None:
+    """Read the command line and measure."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -132,14 +119,9 @@ def main(words: Sequence[str] | None = None) -> int:
     scene = small_scene()
     measured = read_json(given.file)["seeds"] if given.more and given.file.is_file() else {}
     for seed in range(1, given.seeds + 1):
-        if str(seed) in measured:
-            continue
-        began = time.process_time()
-        measured[str(seed)] = scores(scene, seed)
-        print(f"seed {seed}: {time.process_time() - began:.1f} s of one core", flush=True)
-        write_json(given.file, {"scores": summary(measured) if len(measured) > 1 else {}, "seeds": measured})
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        if str(seed) not in measured:
+            began = time.process_time()
+            measured[str(seed)] = scores(scene, seed)
+            print(f"seed {seed}: {time.process_time() - began:.1f} s of one core", flush=True)
+            told = summary(measured) if len(measured) > 1 else {}
+            write_json(given.file, {"scores": told, "seeds": measured})

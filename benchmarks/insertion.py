@@ -1,6 +1,6 @@
 """How right `lightprobe insert` is: a second object put into path-traced photos of the demo's coffee pot.
 
-    python tools/measure_insertion.py FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
+    python -m benchmarks insertion FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
 
 Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own. The photo
 is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second object into it, once
@@ -16,19 +16,21 @@ import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 import torch
 from PIL import Image
 
+import demo_scene
+from benchmarks.insertion_scenes import CASES, Case, camera_of, glb, moved, true_decomposition
 from demo_scene.files import read_exr
-from demo_scene.models import Model, Subject
-from insertion.stills import CASES, Case, camera_of, glb, model_of, moved, true_decomposition
+from demo_scene.models import Model, Subject, make_model
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
 from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
-from lightprobe.insertion import Insertion, PhotoView, Thing, Wish, insert, load_thing
+from lightprobe.insertion import Insertion, PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.placement import ground_height, place
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
@@ -39,7 +41,7 @@ from lightprobe.scene.photo import Pixels
 
 _CHANGED = 3 / 255
 _MEAN = 0.3  # linear mean of the known object in a photo
-_HDRI = Path(__file__).parent / "demo_scene" / "hdri"
+_HDRI = Path(demo_scene.__file__).parent / "hdri"
 
 
 @dataclass(frozen=True)
@@ -50,15 +52,23 @@ class Scene:
     known: Decomposition
     camera: Camera
     environment: np.ndarray  # (h, 2h, 3) in the photo's exposure
-    photo: np.ndarray  # (H, W, 3) linear, of 8 bits
-    truth: np.ndarray  # (H, W, 3) linear
     mask: np.ndarray  # (H, W) of the pot
     folder: Path
+
+    @cached_property
+    def photo(self) -> np.ndarray:
+        """The photo without the second object (H, W, 3), linear, of 8 bits."""
+        return read_ldr(self.folder / "photo.png")[0]
+
+    @cached_property
+    def truth(self) -> np.ndarray:
+        """Both objects (H, W, 3), linear."""
+        return read_exr(self.folder / "truth.exr", "RGB")
 
 
 def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
     """Path-trace a scene into a folder, or read it from there."""
-    pot, other = model_of(Subject.COFFEE_POT), model_of(case.thing)
+    pot, other = make_model(Subject.COFFEE_POT, 0), make_model(case.thing, 0)
     known = true_decomposition(pot)
     ground = ground_height(known.asset.mesh.vertices)
     camera = camera_of(case, side, ground)
@@ -71,35 +81,27 @@ def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
     write_exr(folder / "light.exr", environment)
     write_json(folder / "camera.json", camera.to_json())
     write_png(folder / "mask.png", np.repeat(mask[..., None], 3, 2), srgb=False)
+    scene = Scene(case, known, camera, environment, mask, folder)
     if not (folder / "truth.exr").exists():
-        _trace(case, folder, pot, other, known, camera, environment, mask, samples)
-    photo = read_ldr(folder / "photo.png")[0]
-    return Scene(case, known, camera, environment, photo, read_exr(folder / "truth.exr", "RGB"), mask, folder)
+        _trace(scene, pot, other, samples)
+    return scene
 
 
-def _trace(
-    case: Case,
-    folder: Path,
-    pot: Model,
-    other: Model,
-    known: Decomposition,
-    camera: Camera,
-    environment: np.ndarray,
-    mask: np.ndarray,
-    samples: int,
-) -> None:
-    from insertion.truth import photograph
+def _trace(scene: Scene, pot: Model, other: Model, samples: int) -> None:
+    """Path-trace photo and truth into the scene's folder."""
+    from benchmarks.insertion_truth import photograph
 
-    thing = load_thing(folder / "thing.glb")
-    vertices = known.asset.mesh.vertices
-    placed = place(thing, vertices, known.similarity, camera, mask, Wish(scale=case.scale))
-    matrix, offset = similarity(thing.vertices.numpy(), placed.thing.vertices.numpy())
-    there = moved(other, matrix, offset)
-    without = photograph(pot, None, environment, camera, placed.ground, samples)
+    thing, known, folder = load_thing(scene.folder / "thing.glb"), scene.known, scene.folder
+    wish = Wish(scale=scene.case.scale)
+    placed = place(thing, known.asset.mesh.vertices, known.similarity, scene.camera, scene.mask, wish)
+    there = moved(other, *similarity(thing.vertices.numpy(), placed.thing.vertices.numpy()))
+    without = photograph(pot, None, scene.environment, scene.camera, placed.ground, samples)
     write_png(folder / "photo.png", without)
     write_exr(folder / "photo.exr", without)
     write_json(folder / "place.json", {"at": list(placed.at), "scale": placed.scale})
-    write_exr(folder / "truth.exr", photograph(pot, there, environment, camera, placed.ground, samples))
+    write_exr(
+        folder / "truth.exr", photograph(pot, there, scene.environment, scene.camera, placed.ground, samples)
+    )
 
 
 def similarity(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -132,21 +134,14 @@ def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
     _show(scene, true, "true")
     scores = {"true light and object": score(scene, true)}
     if run is not None:
-        found = _of_run(scene, Predictor.load(run), thing, wish)
+        predictor = Predictor.load(run)
+        pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
+        behind = Background.of(scene.photo, scene.photo >= CLIPPED, scene.mask, scene.camera)
+        light = predictor.predict(pixels, scene.camera, background=behind).environment
+        found = insert(predictor.decomposition, light, view, thing, wish)
         _show(scene, found, "predicted")
         scores["predicted light, reconstructed object"] = score(scene, found)
     return scores
-
-
-def _of_run(scene: Scene, predictor: Predictor, thing: Thing, wish: Wish) -> Insertion:
-    """Return the insertion under the light that a run predicts from the photo, beside the object it
-    reconstructed.
-    """
-    pixels = Pixels.of(scene.photo * (scene.mask[..., None] > 0), scene.mask)
-    behind = Background.of(scene.photo, scene.photo >= CLIPPED, scene.mask, scene.camera)
-    predicted = predictor.predict(pixels, scene.camera, background=behind)
-    view = PhotoView(scene.photo, scene.mask, scene.camera)
-    return insert(predictor.decomposition, predicted.environment, view, thing, wish)
 
 
 def _show(scene: Scene, inserted: Insertion, name: str) -> None:
@@ -165,9 +160,11 @@ def write_picture(rows: Sequence[Path], path: Path) -> None:
     Image.fromarray(np.concatenate(parts)).save(path, quality=80)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str]) -> None:
     """Read the command line and measure."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--run", type=Path, metavar="RUN", help="a run that learnt the demo's coffee pot")
     parser.add_argument("--side", type=int, default=256, help="pixels of the photos")
@@ -176,24 +173,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--picture", type=Path, metavar="P.jpg", help="photo, insertion and truth of all scenes"
     )
-    given = parser.parse_args(arguments)
+    given = parser.parse_args(words)
     torch.set_num_threads(1)
     scores = {}
-    for case in CASES:
-        if case.name in given.cases:
-            scene = make_scene(case, given.folder / case.name, given.side, given.samples)
-            scores[case.name] = measure(scene, given.run)
-            for name, found in scores[case.name].items():
-                print(
-                    f"{case.name}, {name}: "
-                    + ", ".join(f"{key} {value:.2f}" for key, value in found.items()),
-                    flush=True,
-                )
+    for case in (case for case in CASES if case.name in given.cases):
+        scene = make_scene(case, given.folder / case.name, given.side, given.samples)
+        scores[case.name] = measure(scene, given.run)
+        for name, found in scores[case.name].items():
+            told = ", ".join(f"{key} {value:.2f}" for key, value in found.items())
+            print(f"{case.name}, {name}: {told}", flush=True)
     write_json(given.folder / "scores.json", scores)
     if given.picture is not None:
         name = "true" if given.run is None else "predicted"
         write_picture([given.folder / case / f"{name}.png" for case in scores], given.picture)
-
-
-if __name__ == "__main__":
-    main()

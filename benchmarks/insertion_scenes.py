@@ -8,7 +8,7 @@ import torch
 from PIL import Image
 
 from demo_scene.geometry import Part, weld
-from demo_scene.models import Model, Subject, make_model
+from demo_scene.models import Model, Subject
 from demo_scene.textures import atlas_uv
 from lightprobe.export.glb import GltfPictures, encode_glb
 from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
@@ -119,11 +119,6 @@ def moved(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Model:
         )
 
     return replace(model, parts=[part(one) for one in model.parts])
-
-
-def model_of(subject: Subject) -> Model:
-    """Return a generated object as the demo paints it."""
-    return make_model(subject, 0)
 
 
 def _corners(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

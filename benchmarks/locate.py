@@ -1,10 +1,10 @@
 """How well new photos are located: poses, light, and photos without the object.
 
-    python tools/measure_locate.py --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
+    python -m benchmarks locate --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
         [--others vase cape]
 
 DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true environment
-are laid over it (`composed_photos`), others are taken as they are; neither camera nor mask is given. Tables:
+are laid over it (`benchmarks.composed`), others are taken as they are; neither camera nor mask is given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
             the found and the given camera see the mesh's vertices that the given camera sees
@@ -20,15 +20,15 @@ A wrong pose is one that is off by more than 3 pixels; it is silent when its ver
 import argparse
 import tempfile
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import torch
-from lightprobe.runs.bench import find_scene
 
-from composed_photos import background, composed
+from benchmarks.composed import background, composed
+from benchmarks.run import find_scene
 from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
@@ -41,7 +41,7 @@ from lightprobe.prediction import Predictor
 from lightprobe.render.surface import View, visible_surface
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.photo import Photo, Scene
+from lightprobe.scene.photo import Scene
 
 _WRONG = 3.0  # pixels of 320
 _OTHERS, _BACKGROUNDS, _NOISE = 4, 6, 4  # photos of each other scene, and without any object
@@ -90,10 +90,8 @@ def pose_error(subject: Subject, found: Camera, given: Camera) -> float:
     cameras.
     """
     similarity, mesh = subject.predictor.decomposition.similarity, subject.predictor.decomposition.asset.mesh
-    small = given.resized(
-        max(1, round(320 * given.width / max(given.width, given.height))),
-        max(1, round(320 * given.height / max(given.width, given.height))),
-    )
+    scale = 320 / max(given.width, given.height)
+    small = given.resized(max(1, round(scale * given.width)), max(1, round(scale * given.height)))
     surface = visible_surface(mesh.vertices, mesh.faces, View.of(small.normalised(similarity), CPU))
     points = similarity.invert(surface.position.numpy())
     other = found.resized(small.width, small.height)
@@ -193,7 +191,7 @@ def wrong_files(
     lit = [photo for photo in subject.scene.test if photo.truth.environment is not None]
     for index, photo in enumerate(lit[:_BACKGROUNDS]):
         file = folder / "backgrounds" / f"{subject.name}_{index}.png"
-        write_png(file, _background(photo))
+        write_png(file, background(read_hdr(photo.truth.environment), photo.camera))
         yield "background", file
     random = np.random.default_rng(0)
     for index in range(_NOISE):
@@ -201,13 +199,6 @@ def wrong_files(
         file = folder / "noise" / f"{index}.png"
         write_png(file, np.kron(coarse, np.ones((320 // len(coarse), 320 // len(coarse), 1))))
         yield "noise", file
-
-
-def _background(photo: Photo) -> np.ndarray:
-    """Return the light behind a photo's object alone, linear (H, W, 3)."""
-    if photo.truth.environment is None:
-        raise ValueError("Chosen by its environment.")
-    return background(read_hdr(photo.truth.environment), photo.camera)
 
 
 def wrong_row(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder: Path) -> str:
@@ -224,42 +215,40 @@ def wrong_row(subject: Subject, others: Mapping[str, Mapping[str, Path]], folder
     return f"| {subject.name} | {sum(counts.values())} | {cells} |"
 
 
+_POSES = (
+    "scene | photos | within 1.5 px | within 3 px | median px | wrong, silent | right, doubted | s | most s"
+)
 HEADS = {
-    "poses": "scene | photos | within 1.5 px | within 3 px | median px | wrong, silent | right, doubted | s | most s",
-    "free": "scene | photos | within 1.5 px | within 3 px | median px | wrong, silent | right, doubted | s | most s",
+    "poses": _POSES,
+    "free": _POSES,
     "light": "scene | photos | spheres, given | spheres, located | relit, given | relit, located",
     "wrong": "object | photos without it | good | ambiguous | doubtful | refused",
 }
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str]) -> None:
     """Read the command line and print the tables."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)
-    parser.add_argument(
-        "--others", nargs="*", default=[], help="more scenes for the table `wrong`; they need no run"
-    )
+    parser.add_argument("--others", nargs="*", default=[], help="more scenes for `wrong`; they need no run")
     parser.add_argument("--tables", nargs="+", choices=list(HEADS), default=list(HEADS))
-    given = parser.parse_args(arguments)
+    given = parser.parse_args(words)
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         subjects = [Subject.of(scene, given.data, given.runs, folder) for scene in given.scenes]
         photos = {subject.name: subject.files for subject in subjects}
-        for name in given.others:
-            photos[name] = dict(photo_files(name, scene_of(name, given.data), folder))
+        photos |= {name: dict(photo_files(name, scene_of(name, given.data), folder)) for name in given.others}
+        rows: dict[str, Callable[[Subject], str]] = {
+            "poses": lambda subject: pose_row(subject, known=True),
+            "free": lambda subject: pose_row(subject, known=False),
+            "light": light_row,
+            "wrong": lambda subject: wrong_row(subject, photos, folder),
+        }
         for table in given.tables:
             print(f"\n{table}\n| {HEADS[table]} |\n|{' --- |' * HEADS[table].count('|')} --- |")
             for subject in subjects:
-                if table == "light":
-                    row = light_row(subject)
-                elif table == "wrong":
-                    row = wrong_row(subject, photos, folder)
-                else:
-                    row = pose_row(subject, known=table == "poses")
-                print(row, flush=True)
-
-
-if __name__ == "__main__":
-    main()
+                print(rows[table](subject), flush=True)

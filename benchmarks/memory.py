@@ -1,7 +1,6 @@
 """Peak memory of the commands whose memory a photo's size decides: the table of docs/limits.md.
 
-    python tools/measure_memory.py RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate ...]
-                                       [--max-memory SIZE]
+    python -m benchmarks memory RUN [--megapixels 12 48 134] [--kinds jpg png] [--commands predict locate ...]
 
 RUN is a trained run of the bundled scene (`lightprobe demo -o RUN`); it is copied and stays as it is. The photo is one
 of the scene's test photos in front of its light, enlarged. Every command runs in a process of its own, one after the
@@ -11,7 +10,6 @@ cell in brackets is of one that was refused or failed.
 """
 
 import argparse
-import json
 import shutil
 import subprocess
 import sys
@@ -65,11 +63,6 @@ photos = tuple(photo for photo in loaded.train + loaded.test if photo.name == "a
 scene = dataclasses.replace(loaded, similarity=found.similarity, test=photos)
 evaluate(found, None, scene, methods=[Method.CONSTANT])
 """
-_WORKER = """
-import json, sys
-from lightprobe.service.worker import Worker
-print(Worker("cpu", 1, 2**30, 2**27).answer(json.loads(sys.argv[1]), print))
-"""
 
 
 @dataclass(frozen=True)
@@ -84,36 +77,13 @@ class Shot:
     run: Path
 
 
-_PROGRAM = [sys.executable, "-m", "lightprobe"]
-
-
 def cli(*words: object) -> list[str]:
     """Return the command line of a lightprobe command in a process of its own."""
-    return [*_PROGRAM, *map(str, words)]
+    return [sys.executable, "-m", "lightprobe", *map(str, words)]
 
 
 def _python(code: str, *words: object) -> list[str]:
     return [sys.executable, "-c", code, *map(str, words)]
-
-
-def _asked(shot: Shot) -> str:
-    """Return the request that the service's worker gets for a photo with its camera."""
-    request = {
-        "task": "predict",
-        "run": str(shot.run),
-        "folder": str(shot.scene),
-        "name": "a",
-        "photo": str(shot.photo),
-        "camera": str(shot.camera),
-        "mask": str(shot.mask),
-        "method": None,
-        "outputs": ["exr"],
-        "height": None,
-        "background": True,
-        "sources": True,
-        "sun": "inside",
-    }
-    return json.dumps(request)
 
 
 COMMANDS: dict[str, Callable[[Shot], list[str]]] = {
@@ -121,23 +91,14 @@ COMMANDS: dict[str, Callable[[Shot], list[str]]] = {
     "predict --camera": lambda s: cli("predict", s.run, s.photo, "--camera", s.camera, "--mask", s.mask),
     "predict": lambda s: cli("predict", s.run, s.photo),
     "locate": lambda s: cli("locate", s.run, s.photo),
-    "serve (worker)": lambda s: _python(_WORKER, _asked(s)),
-    "insert": lambda s: cli(
-        "insert",
-        s.run,
-        s.photo,
-        "--camera",
-        s.camera,
-        "--mask",
-        s.mask,
-        "--object",
-        s.run / "mesh" / "object.glb",
-        "-o",
-        s.scene.parent / "inserted.png",
-    ),
-    "calibrate": lambda s: cli(
-        "calibrate", s.run, "--photo", s.photo, "--camera", s.camera, "--mask", s.mask, "--env", s.light
-    ),
+    "insert": lambda s: [
+        *cli("insert", s.run, s.photo, "--camera", s.camera, "--mask", s.mask),
+        *("--object", str(s.run / "mesh" / "object.glb"), "-o", str(s.scene.parent / "inserted.png")),
+    ],
+    "calibrate": lambda s: [
+        *cli("calibrate", s.run, "--photo", s.photo, "--camera", s.camera, "--mask", s.mask),
+        *("--env", str(s.light)),
+    ],
     "inspect": lambda s: cli("inspect", s.scene),
     "fit (reading)": lambda s: _python(_LOADING, s.scene),
     "eval": lambda s: _python(_EVALUATION, s.run, s.scene),
@@ -155,18 +116,15 @@ def peak(command: Sequence[str]) -> tuple[float, int, str]:
 
 def make_shot(run: Path, megapixels: float, kind: str, folder: Path) -> Shot:
     """Write the photo, its camera, mask and light, and a scene of it into `folder`, in a process that ends."""
-    subprocess.run(
-        [sys.executable, __file__, str(run), "--make", str(megapixels), kind, str(folder)], check=True
-    )
-    light = next(folder.glob("light.*"))
-    return Shot(
-        folder / f"photo.{kind}", folder / "camera.json", folder / "mask.png", light, folder / "scene", run
-    )
+    words = [str(run), "--make", str(megapixels), kind, str(folder)]
+    subprocess.run([sys.executable, "-m", "benchmarks", "memory", *words], check=True)
+    names = (f"photo.{kind}", "camera.json", "mask.png", "light.exr", "scene")
+    return Shot(*(folder / name for name in names), run)
 
 
 def write_shot(megapixels: float, kind: str, folder: Path) -> None:
     """Write what `make_shot` returns."""
-    from composed_photos import composed
+    from benchmarks.composed import composed
     from lightprobe.core.files import write_json
     from lightprobe.imaging import srgb_encode
     from lightprobe.scene import load_scene
@@ -195,20 +153,12 @@ def write_shot(megapixels: float, kind: str, folder: Path) -> None:
         picture.save(images / f"{photo.name}.png")
         cover.save(masks / f"{photo.name}.png")
         cameras[f"{photo.name}.png"] = photo.camera
-    frames = [
-        {
-            "file_path": f"images/{name}",
-            "mask_path": f"masks/{Path(name).stem}.png",
-            "fl_x": camera.fx,
-            "fl_y": camera.fy,
-            "cx": camera.cx,
-            "cy": camera.cy,
-            "w": camera.width,
-            "h": camera.height,
-            "transform_matrix": camera.camera_to_world.tolist(),
-        }
-        for name, camera in cameras.items()
-    ]
+    frames = []
+    for name, camera in cameras.items():
+        lens = {"fl_x": camera.fx, "fl_y": camera.fy, "cx": camera.cx, "cy": camera.cy}
+        files = {"file_path": f"images/{name}", "mask_path": f"masks/{Path(name).stem}.png"}
+        pose = {"w": camera.width, "h": camera.height, "transform_matrix": camera.camera_to_world.tolist()}
+        frames.append({**files, **lens, **pose})
     write_json(folder / "scene" / "transforms.json", {"camera_model": "PINHOLE", "frames": frames})
 
 
@@ -236,46 +186,39 @@ def write_photo(picture: Image.Image, path: Path) -> None:
         write_exr(path, np.asarray(picture, np.float32) / 255, half=True)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str]) -> None:
     """Read the command line, measure and print the table."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path, metavar="RUN")
     parser.add_argument("--megapixels", type=float, nargs="+", default=[12, 48, 134])
+    kinds, every = ["jpg", "png"], list(COMMANDS)
     parser.add_argument(
-        "--kinds", nargs="+", default=["jpg", "png"], metavar="KIND", help="also exr tif heic webp avif"
+        "--kinds", nargs="+", default=kinds, metavar="KIND", help="also exr tif heic webp avif"
     )
-    parser.add_argument(
-        "--commands", nargs="+", default=list(COMMANDS), choices=list(COMMANDS), metavar="COMMAND"
-    )
-    parser.add_argument("--max-memory", metavar="SIZE", help="given to the commands that take it")
+    parser.add_argument("--commands", nargs="+", default=every, choices=every, metavar="COMMAND")
     parser.add_argument("--make", nargs=3, help=argparse.SUPPRESS)
-    given = parser.parse_args(arguments)
+    given = parser.parse_args(words)
     if given.make is not None:
         write_shot(float(given.make[0]), given.make[1], Path(given.make[2]))
         return
     columns = [(size, kind) for size in given.megapixels for kind in given.kinds]
-    cells: dict[tuple[str, float, str], str] = {}
+    cells: dict[str, list[str]] = {command: [] for command in given.commands}
     for size, kind in columns:
         with tempfile.TemporaryDirectory() as name:
             run = shutil.copytree(given.run, Path(name) / "run")
             shot = make_shot(run, size, kind, Path(name))
-            for command in given.commands:
-                cells[command, size, kind] = measured(command, shot, given.max_memory)
+            for command, row in cells.items():
+                row.append(measured(command, shot))
     print(f"\n| command | {' | '.join(f'{size:g} MP {kind}' for size, kind in columns)} |")
     print(f"| --- |{' ---: |' * len(columns)}")
-    for command in given.commands:
-        print(f"| {command} | {' | '.join(cells[command, size, kind] for size, kind in columns)} |")
+    for command, row in cells.items():
+        print(f"| {command} | {' | '.join(row)} |")
 
 
-def measured(command: str, shot: Shot, max_memory: str | None) -> str:
-    """Return the cell of one command and photo; what was said of a failure is printed."""
-    words = COMMANDS[command](shot)
-    if max_memory is not None and words[:3] == _PROGRAM:
-        words += ["--max-memory", max_memory]
-    memory, code, said = peak(words)
+def measured(command: str, shot: Shot) -> str:
+    """Return the cell of one command and photo; what the command said is printed."""
+    memory, code, said = peak(COMMANDS[command](shot))
     print(command, shot.photo.suffix, f"{memory:.2f} GiB, exit {code}: {said.strip()[-400:]}", flush=True)
     return f"{memory:.2f}" if code == 0 else f"({memory:.2f})"
-
-
-if __name__ == "__main__":
-    main()

@@ -1,6 +1,6 @@
 """Run Phase I alone on scenes that bring their truth, and score the object and the lights: a table in Markdown.
 
-    python tools/measure_object.py DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0 metallic_prior=.01]
+    python -m benchmarks object DATA/synthetic/vase DATA/synthetic/bottle [--set light_chroma=0 metallic_prior=.01]
 
 For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
 error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
@@ -111,8 +111,8 @@ def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: i
     return {"seconds": seconds, **materials.result(), **lit, **judged}
 
 
-def main() -> None:
-    """Measure the scenes named on the command line."""
+def main(words: Sequence[str]) -> None:
+    """Measure the scenes that the command line names."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -121,15 +121,10 @@ def main() -> None:
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")
     parser.add_argument("--device", default="cpu")
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    device = resolve_device(arguments.device)
-    config = changed(settings(arguments.preset).decompose, arguments.set)
+    given = parser.parse_args(words)
+    config = changed(settings(given.preset).decompose, given.set)
     print("| scene | " + " | ".join(_COLUMNS) + " |\n| --- |" + " ---: |" * len(_COLUMNS), flush=True)
-    for folder in arguments.scenes:
-        scores = measure(folder, config, device, arguments.seed)
+    for folder in given.scenes:
+        scores = measure(folder, config, resolve_device(given.device), given.seed)
         cells = [format(scores[name], form) if name in scores else "–" for name, form in _COLUMNS.items()]
         print(f"| {folder.name} | " + " | ".join(cells) + " |", flush=True)
-
-
-if __name__ == "__main__":
-    main()

@@ -1,28 +1,40 @@
 """What `--preset paper` costs: measured steps and memory, and what its work comes to on a GPU.
 
-The projection counts the arithmetic and the memory traffic that the largest parts of a step cannot do without
-and takes a share of a GPU's limits for them, plus the launches; what it leaves out makes it too short.
+    python -m benchmarks paper SCENE [--photos 8] [--steps 24] [--device cpu] [--page docs/paper-preset.md]
+
+A few steps of each pass and of Phase II are trained at full size on some of the scene's photos. The lines between the
+page's marks are replaced; without --page they are printed.
+
+The projection counts the arithmetic and the memory traffic that the largest parts of a step cannot do without and
+takes a share of a GPU's limits for them, plus the launches; what it leaves out makes it too short.
 """
 
+import argparse
 import dataclasses
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import torch
-from lightprobe.report.provenance import commit, machine
 
-from lightprobe.core.config import DecomposeConfig, DistillConfig, Preset, settings
+from benchmarks.provenance import commit, machine
+from benchmarks.speed.kernels import LOBE
+from benchmarks.speed.timing import median_gap
+from lightprobe.core.config import Preset, settings
+from lightprobe.core.config.presets import Settings
+from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import InputError
+from lightprobe.core.files import write_bytes
 from lightprobe.core.memory import peak_memory
 from lightprobe.distillation.training import train
 from lightprobe.lessons.lesson import Lesson
 from lightprobe.lessons.lessons import collect_lessons
 from lightprobe.reconstruction import Progress, decompose
+from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
-from speed.clock import median_gap
-from speed.kernels import LOBE
 
-BEGIN, END = "<!-- measured by tools/measure_paper.py -->", "<!-- end of what was measured -->"
+BEGIN, END = "<!-- measured by benchmarks/paper.py -->", "<!-- end of what was measured -->"
 PHOTOS = 102  # of the scene of a projected run
 PASSES = ("pass1", "pass2", "Phase II")
 _NAMES = {"pass1": "first pass", "pass2": "second pass", "Phase II": "Phase II"}
@@ -41,14 +53,6 @@ class Gpu:
 
 
 GPUS = (Gpu("GTX 1080 Ti", 11.3e12, 484e9), Gpu("RTX 4090", 82.6e12, 1008e9))
-
-
-@dataclass(frozen=True)
-class Sizes:
-    """The configurations that are measured."""
-
-    decompose: DecomposeConfig
-    distill: DistillConfig
 
 
 @dataclass(frozen=True)
@@ -79,15 +83,9 @@ class Work:
         return (self.flops / gpu.flops + self.moved / gpu.bandwidth) / gpu.share + self.launches * gpu.launch
 
 
-def full_size() -> Sizes:
-    """Return the preset `paper`."""
-    paper = settings(Preset.PAPER)
-    return Sizes(paper.decompose, paper.distill)
-
-
-def small() -> Sizes:
+def small() -> Settings:
     """Return the preset at sizes that take seconds."""
-    usual = full_size()
+    usual = settings(Preset.PAPER)
     first = dataclasses.replace(
         usual.decompose,
         pass1_side=32,
@@ -98,10 +96,11 @@ def small() -> Sizes:
         light_resolution=8,
         unwrap_seconds=0.0,
     )
-    return Sizes(first, dataclasses.replace(usual.distill, light_resolution=8, max_side=32, width=16))
+    second = dataclasses.replace(usual.distill, light_resolution=8, max_side=32, width=16)
+    return dataclasses.replace(usual, decompose=first, distill=second)
 
 
-def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.device) -> Costs:
+def measure(scene: Scene, sizes: Settings, photos: int, steps: int, device: torch.device) -> Costs:
     """Train `steps` steps of each part on at most `photos` training photos, and return what they took."""
     scene = dataclasses.replace(scene, train=scene.train[:: max(1, len(scene.train) // photos)][:photos])
     if steps < max(len(scene.train), 5):
@@ -117,10 +116,11 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
 
     config = dataclasses.replace(sizes.decompose, pass1_iterations=steps, pass2_iterations=steps)
     found = decompose(scene, config, device, 0, Progress(on_step=on_step))
-    begin, busy = _clocks()
+    begin = time.perf_counter(), time.process_time()
     second = dataclasses.replace(sizes.distill, steps=steps)
     lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
-    made, busy = ((now - then) / len(lessons) for now, then in zip(_clocks(), (begin, busy), strict=True))
+    end = time.perf_counter(), time.process_time()
+    made, busy = ((now - then) / len(lessons) for now, then in zip(end, begin, strict=True))
     train(lessons, second, device, 0, Progress(on_step=lambda _, *step: on_step("Phase II", *step)))
     seconds, work = (
         {name: _step_seconds(each[name], device) for name in PASSES} for each in (stamps, worked)
@@ -129,11 +129,6 @@ def measure(scene: Scene, sizes: Sizes, photos: int, steps: int, device: torch.d
     return Costs(
         seconds, work, memory, made, busy, held, len(found.asset.mesh.faces), len(scene.train), device
     )
-
-
-def _clocks() -> tuple[float, float]:
-    """Return the time that passes and the processor's, in seconds."""
-    return time.perf_counter(), time.process_time()
 
 
 def _peak(device: torch.device) -> float | None:
@@ -158,7 +153,7 @@ def _held(lesson: Lesson) -> int:
     return sum(tensor.numel() * tensor.element_size() for tensor in tensors)
 
 
-def hours(steps: dict[str, float], lesson: float, sizes: Sizes, photos: int = PHOTOS) -> float:
+def hours(steps: dict[str, float], lesson: float, sizes: Settings, photos: int = PHOTOS) -> float:
     """Return the hours of a full run on `photos` photos, from seconds a step and a lesson."""
     config = sizes.decompose
     counts = dict(
@@ -167,7 +162,7 @@ def hours(steps: dict[str, float], lesson: float, sizes: Sizes, photos: int = PH
     return (sum(counts[name] * steps[name] for name in PASSES) + photos * lesson) / 3600
 
 
-def works(sizes: Sizes) -> dict[str, Work]:
+def works(sizes: Settings) -> dict[str, Work]:
     """Return the work of a step of each part."""
     first, second = sizes.decompose, sizes.distill
     vertices, pixels = (first.lattice_cells + 1) ** 3, first.pass1_side**2
@@ -188,7 +183,7 @@ def works(sizes: Sizes) -> dict[str, Work]:
     }
 
 
-def rows(costs: Costs, sizes: Sizes, note: str) -> list[str]:
+def rows(costs: Costs, sizes: Settings, note: str) -> list[str]:
     """Return the lines of the page."""
     gpu = costs.device.type == "cuda"
     first = sizes.decompose
@@ -220,7 +215,7 @@ def rows(costs: Costs, sizes: Sizes, note: str) -> list[str]:
     return lines
 
 
-def projection_rows(sizes: Sizes) -> list[str]:
+def projection_rows(sizes: Settings) -> list[str]:
     """Return the table of what a step's work comes to on GPUs."""
     found = works(sizes)
     lines = [
@@ -251,3 +246,26 @@ def replaced(page: str, lines: str) -> str:
     if not begin or not end:
         raise InputError(f"The page has no lines between '{BEGIN}' and '{END}' to replace.")
     return f"{before}{BEGIN}\n\n{lines}\n{END}{after}"
+
+
+def main(words: Sequence[str]) -> None:
+    """Read the command line, measure and write."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--photos", type=int, default=8, help="training photos looked at")
+    parser.add_argument("--steps", type=int, default=24, help="of each pass, at least as many as photos")
+    parser.add_argument("--device", default="cpu", help="auto, cpu or cuda")
+    parser.add_argument("--page", type=Path, help="page whose marked lines are replaced")
+    parser.add_argument("--note", default="", help="one sentence on the circumstances")
+    parser.add_argument("--brief", action="store_true", help="small sizes, to see that all of it works")
+    given = parser.parse_args(words)
+    sizes = small() if given.brief else settings(Preset.PAPER)
+    costs = measure(load_scene(given.scene), sizes, given.photos, given.steps, resolve_device(given.device))
+    text = "\n".join(rows(costs, sizes, given.note)) + "\n"
+    if given.page is None:
+        print(text)
+        return
+    write_bytes(given.page, replaced(given.page.read_text(encoding="utf-8"), text).encode())
+    print(f"Page: {given.page}")

@@ -1,7 +1,7 @@
 """Measure what `lightprobe prepare` makes of plain photos whose cameras and masks are known: tables in
 Markdown.
 
-    python tools/measure_prepare.py DATA --work WORK [--scenes cape liberty turntable] [--hint PHOTO]
+    python -m benchmarks prepare DATA --work WORK [--scenes cape liberty turntable] [--hint PHOTO]
 
 DATA/nerd/SCENE holds photos of real scenes with `poses_bounds.npy` and masks; the turntable is rendered by
 `tools/turntable_photos.py`. Only the photos are given to `prepare`, and the mask of one photo as hint: the
@@ -135,9 +135,11 @@ def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | Non
     )
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure the scenes that the arguments name, and print the table."""
-    parser = argparse.ArgumentParser(description="Measure prepare on photos whose cameras are known.")
+def main(words: Sequence[str]) -> None:
+    """Measure the scenes that the command line names, and print the table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("data", type=Path)
     parser.add_argument(
         "--work", type=Path, required=True, help="folder for scenes and the rendered turntable"
@@ -145,21 +147,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--scenes", nargs="*", default=["cape", "liberty", "turntable"])
     hinted = parser.add_mutually_exclusive_group()
     hinted.add_argument("--bare", action="store_true", help="without the hint")
-    hinted.add_argument(
-        "--hint", metavar="PHOTO", help="name of the photo whose mask is the hint, for one scene"
-    )
-    given = parser.parse_args(arguments)
+    hinted.add_argument("--hint", metavar="PHOTO", help="the photo whose mask is the hint, for one scene")
+    given = parser.parse_args(words)
     if given.hint is not None and len(given.scenes) != 1:
         parser.error("--hint names a photo of one scene; give that scene with --scenes.")
     print(_HEAD, flush=True)
     for name in given.scenes:
-        rendered = name == "turntable"
-        truth = turntable(given.work / "photos") if rendered else real_scene(given.data / "nerd" / name)
+        truth = (
+            turntable(given.work / "photos")
+            if name == "turntable"
+            else real_scene(given.data / "nerd" / name)
+        )
         if given.hint is not None and given.hint not in truth.masks:
             parser.error(f"--hint: {name} has no photo {given.hint} with a mask.")
         print(measure(name, truth, given.work, not given.bare, given.hint), flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -1,8 +1,8 @@
 """How the service stands up to load: lost and wrong answers, seconds, memory, with hostile requests and killed workers.
 
-    python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000
-    python tools/measure_service.py RUN --scene SCENE --requests 1000
-    python tools/measure_service.py RUN --scene SCENE --method probe-mlp --sources false --requests 10000 \\
+    python -m benchmarks service RUN --scene SCENE --method probe-mlp --sources false --requests 10000
+    python -m benchmarks service RUN --scene SCENE --requests 1000
+    python -m benchmarks service RUN --scene SCENE --method probe-mlp --sources false --requests 10000 \\
         --hostile 0.2 --slow 4 --kill-every 20
 
 RUN is a finished run of SCENE, whose photos are sent with their cameras, 320 pixels on the longer side. `lightprobe
@@ -40,8 +40,9 @@ import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import httpx2
 import numpy as np
@@ -137,37 +138,32 @@ def bomb() -> bytes:
 
 def hostile(client: httpx2.Client, shot: Shot, draw: random.Random) -> httpx2.Response:
     """Return the answer to a request that must be refused."""
-    path, photo = f"/objects/{_OBJECT}/predict", ("a.png", shot.data)
-    kind = draw.randrange(9)
-    if kind == 0:
-        return client.post(path, files={"photo": ("a.png", shot.data[: draw.randrange(20, 2000)])})
-    if kind == 1:
-        return client.post(path, files={"photo": ("a.png", bomb())}, data={"camera": shot.camera})
-    if kind == 2:
-        camera = draw.choice(["{", "[" * 5000, "{}", "null", '{"fx": 1e999}', "1" * 5000])
-        return client.post(path, files={"photo": photo}, data={"camera": camera})
-    if kind == 3:
-        name = draw.choice(["..", "%2e%2e%2fetc", "..%2f..%2fetc%2fpasswd", "%00", "a%2fb", "x" * 3000])
-        return client.post(f"/objects/{name}/predict", files={"photo": photo})
-    if kind == 4:
-        return client.post(path, content=shot.data, headers={"content-type": "image/png"})
-    if kind == 5:
-        return client.post(path, files={"photo": photo, "else": ("x", b"x")})
-    if kind == 6:
-        content = b'--x\r\ncontent-disposition: form-data; name="photo"; filename="a.png"\r\n\r\n' + shot.data
-        return client.post(path, content=content, headers={"content-type": "multipart/form-data; boundary=x"})
-    if kind == 7 and draw.random() < 0.1:  # 65 MB each
+    path, photo, camera = f"/objects/{_OBJECT}/predict", ("a.png", shot.data), {"camera": shot.camera}
+    early = b'--x\r\ncontent-disposition: form-data; name="photo"; filename="a.png"\r\n\r\n' + shot.data
+    cameras = ["{", "[" * 5000, "{}", "null", '{"fx": 1e999}', "1" * 5000]
+    names = ["..", "%2e%2e%2fetc", "..%2f..%2fetc%2fpasswd", "%00", "a%2fb", "x" * 3000]
+    requests: tuple[tuple[str, dict[str, Any]], ...] = (
+        (path, {"files": {"photo": ("a.png", shot.data[: draw.randrange(20, 2000)])}}),
+        (path, {"files": {"photo": ("a.png", bomb())}, "data": camera}),
+        (path, {"files": {"photo": photo}, "data": {"camera": draw.choice(cameras)}}),
+        (f"/objects/{draw.choice(names)}/predict", {"files": {"photo": photo}}),
+        (path, {"content": shot.data, "headers": {"content-type": "image/png"}}),
+        (path, {"files": {"photo": photo, "else": ("x", b"x")}}),
+        (path, {"content": early, "headers": {"content-type": "multipart/form-data; boundary=x"}}),
+        (path, {"files": {"photo": ("a.png", draw.randbytes(500))}}),
+    )
+    if draw.random() < 0.01:
         return client.post(path, files={"photo": ("a.png", bytes(65 * 2**20))})
-    return client.post(path, files={"photo": ("a.png", draw.randbytes(500))})
+    address, request = draw.choice(requests)
+    return client.post(address, **request)
 
 
 def one_request(
-    client: httpx2.Client, shots: Sequence[Shot], number: int, options: argparse.Namespace, tally: Tally
+    client: httpx2.Client, shot: Shot, number: int, options: argparse.Namespace, tally: Tally
 ) -> None:
     """Ask one request, honest or hostile by its number, and take down what came of it."""
     draw = random.Random(number)
-    shot = shots[number % len(shots)]
-    foe = draw.random() < options.hostile
+    foe, attempts = draw.random() < options.hostile, 0
     try:
         while True:
             begin = time.perf_counter()
@@ -175,29 +171,31 @@ def one_request(
             seconds = time.perf_counter() - begin
             if answer.status_code != 429:
                 break
-            with tally.lock:
-                tally.refused["429, asked again"] += 1
+            attempts += 1
             time.sleep(float(answer.headers["retry-after"]))
         status, sentence = answer.status_code, "" if answer.status_code == 200 else answer.json()["sentence"]
+        same = not foe and status == 200 and same_map(map_of(answer), shot.map)
     except (httpx2.HTTPError, ValueError, KeyError) as error:
         with tally.lock:
             tally.lost.append(f"{number}: {type(error).__name__} {error}")
         return
     with tally.lock:
+        tally.refused["429, asked again"] += attempts
         if foe:
             tally.hostile[status] += 1
-            if not 400 <= status < 500:
-                tally.wrong.append(f"{number}: a hostile request got {status} {sentence}")
+            tally.wrong += (
+                [] if 400 <= status < 500 else [f"{number}: a hostile request got {status} {sentence}"]
+            )
         elif status != 200:
             tally.refused[f"{status} {re.sub(r'[0-9.]+', 'N', sentence)}"] += 1
-        elif not same_map(map_of(answer), shot.map):
-            tally.wrong.append(f"{number}: another map of {shot.name}")
-        else:
+        elif same:
             tally.seconds.append(seconds)
+        else:
+            tally.wrong.append(f"{number}: another map of {shot.name}")
 
 
-def load(url: str, pids: Sequence[int], shots: Sequence[Shot], options: argparse.Namespace) -> Tally:
-    """Send all requests from as many clients as are wanted; return what came of them."""
+def load(url: str, pid: int, shots: Sequence[Shot], options: argparse.Namespace) -> Tally:
+    """Send all requests from as many clients as are wanted to the service of a process; return what came of them."""
     tally, numbers = Tally(), iter(range(options.requests))
 
     def work() -> None:
@@ -207,11 +205,11 @@ def load(url: str, pids: Sequence[int], shots: Sequence[Shot], options: argparse
                     number = next(numbers, None)
                 if number is None:
                     return
-                one_request(client, shots, number, options, tally)
+                one_request(client, shots[number % len(shots)], number, options, tally)
                 with tally.lock:
                     tally.done += 1
                     if tally.done == max(options.requests // 10, 1):
-                        tally.memory_early = memory(pids[0])
+                        tally.memory_early = memory(pid)
 
     threads = [threading.Thread(target=work) for _ in range(options.clients)]
     for thread in threads:
@@ -222,18 +220,12 @@ def load(url: str, pids: Sequence[int], shots: Sequence[Shot], options: argparse
 
 
 def children(pid: int) -> list[int]:
-    """Return the processes that a process has started."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        try:
-            if (
-                entry.name.isdigit()
-                and int((entry / "stat").read_text().rpartition(")")[2].split()[1]) == pid
-            ):
-                found.append(int(entry.name))
-        except (OSError, ValueError, IndexError):
-            continue
-    return found
+    """Return the processes that a process has started, on Linux."""
+    return [
+        int(number)
+        for file in Path(f"/proc/{pid}/task").glob("*/children")
+        for number in file.read_text().split()
+    ]
 
 
 def memory(pid: int) -> float:
@@ -306,27 +298,28 @@ def service(run: Path, options: argparse.Namespace) -> Iterator[tuple[str, int]]
             process.wait(options.deadline + 30)
 
 
-def row(tally: Tally, counts: Counter[str], end: float, seconds: float, options: argparse.Namespace) -> str:
-    """Return the results as lines."""
+def report(
+    tally: Tally, counts: Counter[str], end: float, seconds: float, options: argparse.Namespace
+) -> str:
+    """Return the results as lines; end: MiB after the last request."""
     p50, p95 = np.percentile(tally.seconds, [50, 95]) if tally.seconds else (np.nan, np.nan)
     growth = 100 * (end / tally.memory_early - 1) if tally.memory_early else np.nan
-    return "\n".join(
-        [
-            "| method | requests | maps | lost | wrong | p50 s | p95 s | maps per s | memory early, end MiB | growth |",
-            "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
-            f"| {options.method or 'default'}, sources {options.sources} | {options.requests} | {len(tally.seconds)} | "
-            f"{len(tally.lost)} | {len(tally.wrong)} | {p50:.2f} | {p95:.2f} | {len(tally.seconds) / seconds:.2f} | "
-            f"{tally.memory_early:.0f}, {end:.0f} | {growth:.1f} % |",
-            f"refused: {dict(tally.refused)}; hostile: {dict(tally.hostile)}; {dict(counts)}; {seconds:.0f} s",
-            *tally.lost[:10],
-            *tally.wrong[:10],
-        ]
-    )
+    method = f"{options.method or 'default'}, sources {options.sources}"
+    lines = [
+        "| method | requests | maps | lost | wrong | p50 s | p95 s | maps per s | memory early, end MiB | growth |",
+        "| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: | ---: |",
+        f"| {method} | {options.requests} | {len(tally.seconds)} | {len(tally.lost)} | {len(tally.wrong)} | {p50:.2f} | "
+        f"{p95:.2f} | {len(tally.seconds) / seconds:.2f} | {tally.memory_early:.0f}, {end:.0f} | {growth:.1f} % |",
+        f"refused: {dict(tally.refused)}; hostile: {dict(tally.hostile)}; {dict(counts)}; {seconds:.0f} s",
+    ]
+    return "\n".join([*lines, *tally.lost[:10], *tally.wrong[:10]])
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
+def main(words: Sequence[str]) -> None:
     """Measure, and print what came of it."""
-    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("run", type=Path)
     parser.add_argument("--scene", type=Path, required=True)
     parser.add_argument("--method", default="")
@@ -336,25 +329,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     for name, number in (("hostile", 0.0), ("kill-every", 0.0), ("deadline", 60.0)):
         parser.add_argument(f"--{name}", type=float, default=number)
     parser.add_argument("--log", type=Path, default=Path(os.devnull), help="where the service's log goes")
-    options = parser.parse_args(arguments)
+    options = parser.parse_args(words)
     options.fields = {"sources": options.sources, **({"method": options.method} if options.method else {})}
     shots = scene_shots(options.scene)
     with service(options.run, options) as (url, pid):
         with httpx2.Client(base_url=url, timeout=_PATIENCE) as client:
-            alone = [ask(client, shot, options.fields) for shot in shots]
-        shots = [
-            Shot(shot.name, shot.data, shot.camera, map_of(one))
-            for shot, one in zip(shots, alone, strict=True)
-        ]
+            shots = [replace(shot, map=map_of(ask(client, shot, options.fields))) for shot in shots]
         begin = time.perf_counter()
         with disturbances(url, pid, options) as counts:
-            tally = load(url, [pid], shots, options)
-        seconds = time.perf_counter() - begin
-        print(row(tally, counts, memory(pid), seconds, options))
-        print(
-            f"still up: {httpx2.get(f'{url}health', timeout=30).status_code == 200}; load average {os.getloadavg()}"
-        )
-
-
-if __name__ == "__main__":
-    main()
+            tally = load(url, pid, shots, options)
+        print(report(tally, counts, memory(pid), time.perf_counter() - begin, options))
+        healthy = httpx2.get(f"{url}health", timeout=30).status_code == 200
+        print(f"still up: {healthy}; load average {os.getloadavg()}")

@@ -5,7 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from gpu.boxes import Setting
+from benchmarks.gpu.parts import Setting
 from lightprobe.core.errors import ResourceError
 
 ROOT = Path(__file__).parents[2]

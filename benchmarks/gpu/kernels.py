@@ -6,14 +6,13 @@ from collections.abc import Callable
 import torch
 from torch import Tensor
 
-from gpu.boxes import Setting
+from benchmarks.gpu.parts import Setting
+from benchmarks.speed.ball import CPU
+from benchmarks.speed.kernels import Kernel, all_kernels
+from benchmarks.speed.timing import Limits, times
 from lightprobe.core.device import resolve_device
 from lightprobe.kernels import dispatch, sparse_product
 from lightprobe.light import prefilter
-from speed.ball import CPU
-from speed.clock import times
-from speed.kernels import Kernel, all_kernels
-from speed.limits import Limits
 
 _CALLS = 10  # between two looks at the clock on a GPU: a call may take less time than the look
 TITLES = ("kernel", "ms", "reference, ms", "ratio", "work", "rate", "share of the limit", "off the CPU's")
@@ -27,7 +26,7 @@ def kernels_part(setting: Setting) -> None:
         "kernels",
         [
             f"Limits measured here: copying {limits.copy / 1e9:.0f} GB/s, read and written bytes both counted; a product",
-            f"of float32 matrices, factors unrounded, {limits.matrix / 1e9:.0f} GFLOP/s. Tables that fit a cache can",
+            f"of float32 matrices, factors unrounded, {limits.arithmetic / 1e9:.0f} GFLOP/s. Tables that fit a cache can",
             "exceed the first, and work is what the formula asks for, once. The last column is the relative L2 difference",
             "from the body that runs on a CPU; of the rasteriser it is the share of pixels that show another face.",
             "",
@@ -62,16 +61,16 @@ def prefilter_row(resolution: int, device: torch.device, limits: Limits) -> str:
     there, entries = x.to(device), len(matrix.value)
     work = entries * (4.0 + matrix.column.element_size()) + 4 * len(matrix.start) + 24 * len(x)
     kernel = Kernel(
-        f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries", "", _nothing, work, False
+        f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries",
+        "",
+        lambda _: None,
+        work,
+        False,
     )
     seconds = device_seconds(lambda: sparse_product(matrix, there), device)
     return _row(
         kernel, seconds, None, limits, difference(sparse_product(matrix, there), sparse_product(own, x))
     )
-
-
-def _nothing(body: object) -> None:
-    """Stand for a call that is not made through a body."""
 
 
 def _row(kernel: Kernel, fast: float, slow: float | None, limits: Limits, off: float) -> str:
@@ -117,4 +116,4 @@ def device_limits(device: torch.device, *, brief: bool) -> Limits:
     target = torch.empty_like(source)
     copied = min(device_seconds(lambda: target.copy_(source), device, 1) for _ in range(5))
     product = min(device_seconds(lambda: a @ a, device, 1) for _ in range(5))
-    return Limits(copy=2 * 4 * count / copied, registers=0.0, matrix=2 * side**3 / product)
+    return Limits(2 * 4 * count / copied, 2 * side**3 / product)

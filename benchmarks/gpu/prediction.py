@@ -8,14 +8,14 @@ from pathlib import Path
 
 import torch
 
-from gpu.boxes import Setting
-from gpu.training import scene
+from benchmarks.gpu.parts import Setting
+from benchmarks.gpu.training import scene
+from benchmarks.speed.stages import PARTS, SIDE, TEXELS, resample
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
 from lightprobe.prediction import Method, PredictConfig, Prediction, Predictor, methods_for
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels
-from speed.target import PARTS, SIDE, TEXELS, resample
 
 Photo = tuple[Pixels, Camera]
 

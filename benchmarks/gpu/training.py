@@ -7,7 +7,8 @@ from pathlib import Path
 
 import torch
 
-from gpu.boxes import Pace, Setting
+from benchmarks.gpu.parts import Pace, Setting
+from benchmarks.speed.training import small
 from lightprobe.core.config import DecomposeConfig, distillation, reconstruction
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import resolve_device
@@ -25,7 +26,6 @@ from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.record import scene_record
 from lightprobe.training import Progress
-from speed.training import small
 
 SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
 SCORES = (

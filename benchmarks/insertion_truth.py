@@ -3,7 +3,7 @@
 import mitsuba as mi
 import numpy as np
 
-from composed_photos import background
+from benchmarks.composed import background
 from demo_scene.models import Model
 from demo_scene.render import Studio, View, painted_mesh
 from lightprobe.scene.camera import Camera

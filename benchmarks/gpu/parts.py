@@ -1,22 +1,20 @@
-"""Parts of a measurement in processes of their own: what takes too long or breaks ends alone, and is told as
-such.
+"""Parts of a measurement in processes of their own: one that takes too long or breaks ends alone.
 
-A part writes finished rows, and how far it is, into files of its name as it goes; what a killed one had
-written stays.
+A part writes finished rows, and how far it is, into files of its name as it goes; what a killed one had written stays.
 """
 
 import json
 import os
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 from lightprobe.core.files import write_json
 
+State = dict[str, list[float]]  # stage -> steps done, steps in all, seconds, steps that took them
 _LAST_WORDS = 400  # characters of what a failed part printed last
 _BUNCH = 0.02  # seconds: steps told within them were told together, their losses having been read at once
 _PATIENCE = 10.0  # seconds that a part has to end when it is told to
@@ -60,7 +58,7 @@ class Outcome:
     """What became of a part."""
 
     rows: list[str]
-    state: dict[str, list[float]]  # stage -> steps done, steps in all, seconds, steps that took them
+    state: State
     seconds: float
     failure: str | None = None
 
@@ -72,28 +70,21 @@ def run_part(command: list[str], part: str, setting: Setting, limit: float) -> O
     with printed.open("w", encoding="utf-8") as log:
         child = subprocess.Popen(command, stdout=log, stderr=subprocess.STDOUT, start_new_session=True)
         try:
-            failure = _failure(child.wait(max(limit, 1.0)), printed)
+            code = child.wait(max(limit, 1.0))
+            lines = printed.read_text(encoding="utf-8", errors="replace").split("\n")
+            words = [line.strip() for line in lines if line.strip()] or [f"ended with {code} without a word"]
+            failure = words[-1][-_LAST_WORDS:] if code else None
         except subprocess.TimeoutExpired:
             failure = f"stopped after {limit:.0f} s, the time it was given"
         finally:
             _end(child)
-    rows = setting.rows_file(part)
-    state = setting.state_file(part)
+    rows, state = setting.rows_file(part), setting.state_file(part)
     return Outcome(
         rows.read_text(encoding="utf-8").splitlines() if rows.is_file() else [],
         json.loads(state.read_text(encoding="utf-8")) if state.is_file() else {},
         time.perf_counter() - begin,
         failure,
     )
-
-
-def _failure(code: int, printed: Path) -> str | None:
-    if code == 0:
-        return None
-    words = [
-        line for line in printed.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip()
-    ]
-    return (words[-1].strip() if words else f"ended with {code} without a word")[-_LAST_WORDS:]
 
 
 def _end(child: subprocess.Popen) -> None:
@@ -113,17 +104,14 @@ class Pace:
 
     def __init__(self, part: str, setting: Setting):
         self._file = setting.state_file(part)
-        self._begin = time.perf_counter()
-        self._stages: dict[str, list[float]] = {}
+        self._stages: State = {}
         self._since: dict[
             str, tuple[float, int]
         ] = {}  # stage -> when its first bunch of steps was told, and its end
         self._written = 0.0
 
     def step(self, stage: str, done: int, steps: int) -> None:
-        """Note that a step of a stage is done; the first of a stage, or its first bunch, only starts its
-        time.
-        """
+        """Note that a step of a stage is done; the first, or the first bunch, only starts the stage's time."""
         now = time.perf_counter()
         begin, first = self._since.get(stage, (now, done))
         if now - begin < _BUNCH:
@@ -134,12 +122,8 @@ class Pace:
             write_json(self._file, self._stages)
             self._written = now
 
-    def seconds(self) -> float:
-        """Return the time since the beginning."""
-        return time.perf_counter() - self._begin
 
-
-def pace_rows(state: dict[str, list[float]]) -> list[str]:
+def pace_rows(state: State) -> list[str]:
     """Return the table of stages: how far, how long for a step, and how long at that pace for all of them."""
     if not state:
         return []
@@ -148,11 +132,3 @@ def pace_rows(state: dict[str, list[float]]) -> list[str]:
         each = seconds / max(timed, 1)
         rows.append(f"| {stage} | {done:.0f} | {steps:.0f} | {1000 * each:.1f} | {each * steps:.0f} |")
     return rows
-
-
-def child_command(script: Path, part: str, setting: Setting) -> list[str]:
-    """Return the command that runs a part in a process of its own."""
-    return [sys.executable, str(script), part, *setting.words()]
-
-
-Part = Callable[[Setting], None]
