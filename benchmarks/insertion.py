@@ -1,6 +1,6 @@
-"""How right `lightprobe insert` is: a second object put into path-traced photos of the demo's coffee pot.
+"""How right `lightprobe insert` is: a second, smaller pot put into path-traced photos of the demo's coffee pot.
 
-    python -m benchmarks insertion FOLDER [--run RUN] [--side 256] [--samples 512] [--cases car lantern camera]
+    python -m benchmarks insertion FOLDER [--run RUN] [--side 256] [--samples 512] [--cases hills studio hall]
 
 Three scenes: the pot on a matt ground under a photographed light of the demo, seen by a camera of its own. The photo
 is path-traced without the second object, rounded to 8 bits, and `insert` puts a GLB of the second object into it, once
@@ -26,7 +26,7 @@ from PIL import Image
 import demo_scene
 from benchmarks.insertion_scenes import CASES, Case, camera_of, glb, moved, true_decomposition
 from demo_scene.files import read_exr
-from demo_scene.models import Model, Subject, make_model
+from demo_scene.textures import Model, make_model
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
 from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
@@ -68,7 +68,7 @@ class Scene:
 
 def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
     """Path-trace a scene into a folder, or read it from there."""
-    pot, other = make_model(Subject.COFFEE_POT, 0), make_model(case.thing, 0)
+    pot = make_model(0)
     known = true_decomposition(pot)
     ground = ground_height(known.asset.mesh.vertices)
     camera = camera_of(case, side, ground)
@@ -77,24 +77,24 @@ def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
     environment = environment * (_MEAN / float(image.sum() / (3 * cover.sum())))
     mask = cover.numpy()
     folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / "thing.glb", glb(other))
+    write_bytes(folder / "thing.glb", glb(pot))
     write_exr(folder / "light.exr", environment)
     write_json(folder / "camera.json", camera.to_json())
     write_png(folder / "mask.png", np.repeat(mask[..., None], 3, 2), srgb=False)
     scene = Scene(case, known, camera, environment, mask, folder)
     if not (folder / "truth.exr").exists():
-        _trace(scene, pot, other, samples)
+        _trace(scene, pot, samples)
     return scene
 
 
-def _trace(scene: Scene, pot: Model, other: Model, samples: int) -> None:
+def _trace(scene: Scene, pot: Model, samples: int) -> None:
     """Path-trace photo and truth into the scene's folder."""
     from benchmarks.insertion_truth import photograph
 
     thing, known, folder = load_thing(scene.folder / "thing.glb"), scene.known, scene.folder
     wish = Wish(scale=scene.case.scale)
     placed = place(thing, known.asset.mesh.vertices, known.similarity, scene.camera, scene.mask, wish)
-    there = moved(other, *similarity(thing.vertices.numpy(), placed.thing.vertices.numpy()))
+    there = moved(pot, *similarity(thing.vertices.numpy(), placed.thing.vertices.numpy()))
     without = photograph(pot, None, scene.environment, scene.camera, placed.ground, samples)
     write_png(folder / "photo.png", without)
     write_exr(folder / "photo.exr", without)

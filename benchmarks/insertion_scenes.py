@@ -8,8 +8,7 @@ import torch
 from PIL import Image
 
 from demo_scene.geometry import Part, weld
-from demo_scene.models import Model, Subject
-from demo_scene.textures import atlas_uv
+from demo_scene.textures import Model, atlas_uv
 from lightprobe.export.glb import GltfPictures, encode_glb
 from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
 from lightprobe.geometry.mesh import Mesh
@@ -30,17 +29,16 @@ class Case:
     """One scene."""
 
     name: str
-    thing: Subject
     light: str  # a photographed environment of the demo's
     turn: int  # columns it is rolled by
     azimuth: float  # of the camera
-    scale: float  # the thing's height relative to the known object's
+    scale: float  # the second pot's height relative to the first one's
 
 
 CASES = (
-    Case("car", Subject.TOY_CAR, "immenstadter_horn", 20, 0.6, 0.35),
-    Case("lantern", Subject.LANTERN, "brown_photostudio_06", 75, 2.4, 0.8),
-    Case("camera", Subject.CAMERA, "dancing_hall", 40, 4.4, 0.5),
+    Case("hills", "immenstadter_horn", 20, 0.6, 0.35),
+    Case("studio", "brown_photostudio_06", 75, 2.4, 0.8),
+    Case("hall", "dancing_hall", 40, 4.4, 0.5),
 )
 
 
@@ -125,7 +123,7 @@ def _corners(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     """Return vertices (V, 3), faces (F, 3), texture coordinates (V, 2) and their faces (F, 3) of all parts."""
     offsets = np.cumsum([0] + [len(part.vertices) for part in model.parts])
     faces = np.concatenate([part.faces + start for part, start in zip(model.parts, offsets, strict=False)])
-    uvs = np.concatenate([atlas_uv(model.tiles[part.name], part.uv) for part in model.parts])
+    uvs = np.concatenate([atlas_uv(part) for part in model.parts])
     return np.concatenate([part.vertices for part in model.parts]), faces, uvs, faces
 
 

@@ -4,8 +4,8 @@ import mitsuba as mi
 import numpy as np
 
 from benchmarks.composed import background
-from demo_scene.models import Model
 from demo_scene.render import Studio, View, painted_mesh
+from demo_scene.textures import Model
 from lightprobe.scene.camera import Camera
 
 _GROUND = 60.0  # half the edge of the square of ground
