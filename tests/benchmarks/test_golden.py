@@ -2,10 +2,9 @@
 
 import json
 
+import measure_golden
 import numpy as np
 import pytest
-
-import measure_golden
 from measure_golden import FILE, intervals, summary
 
 

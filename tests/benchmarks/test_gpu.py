@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 import torch
-
 from gpu import boxes
 from gpu import page as pages
 from gpu.boxes import Outcome, Pace, Setting, pace_rows, run_part

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-
 from demo_scene.models import Subject
 from insertion.stills import CASES, Case, camera_of, glb, model_of, true_decomposition
-from lightprobe.insertion import load_thing
 from measure_insertion import similarity
+
+from lightprobe.insertion import load_thing
 
 
 def test_the_place_of_the_thing_is_read_off_its_points():

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
+import composed_photos
+import measure_locate
 import numpy as np
 import pytest
 import torch
 
-import composed_photos
-import measure_locate
 from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.localization import PoseStatus
 from lightprobe.scene.photo import Photo

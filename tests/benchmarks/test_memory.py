@@ -2,10 +2,10 @@
 
 import sys
 
+import measure_memory
 import numpy as np
 import pytest
 
-import measure_memory
 from lightprobe.imaging import PhotoFile, read_ldr, read_mask
 from lightprobe.scene import load_scene
 

@@ -2,10 +2,10 @@
 
 import pytest
 import torch
+from measure_object import changed, light_errors
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.errors import ConfigError
-from measure_object import changed, light_errors
 from tests.gbuffers import sky
 
 

@@ -1,9 +1,9 @@
 import pytest
 import torch
+from speed.paper import BEGIN, END, PASSES, Gpu, Work, full_size, hours, measure, replaced, rows, small, works
 
 from lightprobe.core.errors import InputError
 from lightprobe.scene import load_scene
-from speed.paper import BEGIN, END, PASSES, Gpu, Work, full_size, hours, measure, replaced, rows, small, works
 from tests.toy_scene import write_toy_scene
 
 

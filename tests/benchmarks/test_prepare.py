@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
+from measure_prepare import compare, mask_overlaps, similarity
 
 from lightprobe.imaging import write_png
-from measure_prepare import compare, mask_overlaps, similarity
 from tests.shapes import camera_at
 from turntable_photos import render, write
 

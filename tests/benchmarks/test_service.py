@@ -5,9 +5,9 @@ import os
 import random
 
 import httpx2
+import measure_service
 import pytest
 
-import measure_service
 from tests.service.serving import serving
 from tests.toy_scene import write_toy_scene
 

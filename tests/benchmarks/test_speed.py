@@ -4,10 +4,6 @@ page.
 
 import pytest
 import torch
-
-from lightprobe.core.run import RunFolder
-from lightprobe.core.timings import PhaseTiming, write_timing
-from lightprobe.kernels.numba import stacking
 from speed import cases, phase1, training
 from speed.ball import ball, camera
 from speed.clock import Parts
@@ -16,6 +12,10 @@ from speed.kernels import LOBE, Kernel, Timing, all_kernels, kernel_rows, stacki
 from speed.limits import Limits, measure_limits
 from speed.page import Plan, page
 from speed.target import PARTS, SIDE, Target, target_rows
+
+from lightprobe.core.run import RunFolder
+from lightprobe.core.timings import PhaseTiming, write_timing
+from lightprobe.kernels.numba import stacking
 
 LIMITS = Limits(copy=10e9, registers=100e9, matrix=80e9)
 

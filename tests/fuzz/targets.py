@@ -37,7 +37,7 @@ from lightprobe.prediction import Predictor
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.hints import store_hint, stored_hint
 from lightprobe.preparation.output import finished
-from lightprobe.report.stored import read_report
+from lightprobe.report.report import read_report
 from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.lens import Lens

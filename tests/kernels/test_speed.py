@@ -8,6 +8,7 @@ call.
 import pytest
 import torch
 
+from benchmarks.speed import cases
 from lightprobe.kernels import (
     gather_rows,
     hash_encode,
@@ -18,7 +19,6 @@ from lightprobe.kernels import (
     stack_probes,
     weighted_gather,
 )
-from benchmarks.speed import cases
 
 
 def run_backward(benchmark, out, wanted):

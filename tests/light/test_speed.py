@@ -2,10 +2,10 @@
 
 import pytest
 
+from benchmarks.speed import cases
 from lightprobe.kernels import stack_probes
 from lightprobe.light import cubemap
 from lightprobe.light.culled_stacking import stack_on_cubemap
-from benchmarks.speed import cases
 
 
 @pytest.fixture
