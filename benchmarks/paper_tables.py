@@ -109,12 +109,12 @@ def _loss_rows(results: BenchResults) -> list[str]:
 
 
 def _command(options: str) -> list[str]:
-    return [f"    lightprobe bench --data DATA {options}"]
+    return [f"    python -m benchmarks run --data DATA {options}"]
 
 
 _STEPS = "--steps run paper --paper-iterations 40000 30000"
 _HEAD = (
-    "Written by `lightprobe bench` from its records, beside benchmarks/RESULTS.md. PSNR in dB / SSIM, full frame. "
+    "Written by `python -m benchmarks tables --paper` from the records, beside benchmarks/RESULTS.md. PSNR in dB / SSIM, full frame. "
     '*The paper\'s* is the row that the paper calls "Ours", as printed there; the rows called *ours* were measured '
     "with this program. Ours: the light is predicted from the whole test photo, the object rendered under it at the "
     "photo's full size on white; test photos are the scene's own list, or every 16th photo. The paper tells neither "
@@ -137,7 +137,7 @@ _OTHER_SCENES = [
     "alpha channel or `mask_path`. Then, scene by scene,",
     "",
     "    lightprobe inspect DATA/nerd-car",
-    f"    lightprobe bench --data DATA --scenes nerd-car {_STEPS}",
+    f"    python -m benchmarks run --data DATA --scenes nerd-car {_STEPS}",
     "",
     "where the second command needs a GPU, or smaller numbers behind `--paper-iterations`. Both the program's default "
     "and the paper's method then stand in RESULTS.md and on this page, under the scene's name.",

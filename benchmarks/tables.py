@@ -435,7 +435,7 @@ def _about(results: BenchResults) -> list[str]:
 
 
 _HEAD = (
-    "Written by `lightprobe bench` from the records in `records/`, one small file for every evaluation; what is said "
+    "Written by `python -m benchmarks tables` from the records in `records/`, one small file for every evaluation; what is said "
     "about the numbers stands in docs/decisions. Means over test photos come with ± the half width of their 95 % "
     "interval. Photos under one environment are no independent evidence, so lights are the unit: Student's t with one "
     "degree of freedom less than there are lights (see Scenes), and a standard error that takes the photos under one "
@@ -551,7 +551,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[BenchResults], list[str]]], ...] = (
         "How each record was made",
         "Commit: what evaluated; trained at: what trained, where the benchmark did that itself. DATA stands for the folder "
         "of the scenes, RUNS for that of the runs, FOLDER for the benchmark's own, HDRI for the environment maps. "
-        "`lightprobe bench --tables-only --results` with this page's name writes it from the records.",
+        "`python -m benchmarks tables` writes this page from the records.",
         record_table,
     ),
 )

@@ -17,7 +17,7 @@ def test_every_table_and_figure_of_the_paper_is_there_without_any_run():
     assert "| the paper's | 24.00 / .87 | 24.01 / .89 | 23.98 / .85 |" in section(page, "Table 3")
     assert "| ours, default | – | not run | not run |" in section(page, "Table 3")
     assert "not run*: Car, Chair, Globe" in section(page, "Table 1")
-    assert page.count("lightprobe bench --data DATA") >= 5
+    assert page.count("python -m benchmarks run --data DATA") >= 5
     for previous, line in itertools.pairwise(page.splitlines()):
         if line.startswith("| ---"):
             assert previous.count("|") == line.count("|")

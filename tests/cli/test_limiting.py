@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.memory import cli, peak
 from lightprobe.cli.limiting import limit_among
 from lightprobe.cli.main import main
 from lightprobe.core.errors import ConfigError
-from measure_memory import cli, peak
 from tests.cli.commands import fails
 
 LIMIT = 600 * 10**6  # bytes; the program alone takes 0.4 GB

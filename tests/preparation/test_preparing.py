@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.prepare import compare, mask_overlaps, written_cameras
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_mask, write_png
 from lightprobe.preparation import PrepareOptions, prepare
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
-from measure_prepare import compare, mask_overlaps, written_cameras
 from turntable_photos import render, write
 
 pytest.importorskip("pycolmap")
