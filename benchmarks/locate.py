@@ -188,10 +188,11 @@ def wrong_files(
     for name, files in others.items():
         if name != subject.name:
             yield from ((name, file) for file in list(files.values())[:_OTHERS])
-    lit = [photo for photo in subject.scene.test if photo.truth.environment is not None]
-    for index, photo in enumerate(lit[:_BACKGROUNDS]):
+    known = ((photo.truth.environment, photo.camera) for photo in subject.scene.test)
+    lit = [(light, camera) for light, camera in known if light is not None]
+    for index, (light, camera) in enumerate(lit[:_BACKGROUNDS]):
         file = folder / "backgrounds" / f"{subject.name}_{index}.png"
-        write_png(file, background(read_hdr(photo.truth.environment), photo.camera))
+        write_png(file, background(read_hdr(light), camera))
         yield "background", file
     random = np.random.default_rng(0)
     for index in range(_NOISE):

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from lightprobe.evaluation.metrics import interval
 
 NONE = "–"  # no value
-Columns = Mapping[str, tuple[str, int]]  # score -> heading and decimals
+Columns = dict[str, tuple[str, int]]  # score -> heading and decimals
 
 # columns that are set to the left
 _TEXT = ("method", "lessons", "trained", "role", "what differs", "command", "ours", "what it shows", "commit")

@@ -118,8 +118,8 @@ def make_shot(run: Path, megapixels: float, kind: str, folder: Path) -> Shot:
     """Write the photo, its camera, mask and light, and a scene of it into `folder`, in a process that ends."""
     words = [str(run), "--make", str(megapixels), kind, str(folder)]
     subprocess.run([sys.executable, "-m", "benchmarks", "memory", *words], check=True)
-    names = (f"photo.{kind}", "camera.json", "mask.png", "light.exr", "scene")
-    return Shot(*(folder / name for name in names), run)
+    photo, camera, mask = (folder / name for name in (f"photo.{kind}", "camera.json", "mask.png"))
+    return Shot(photo, camera, mask, folder / "light.exr", folder / "scene", run)
 
 
 def write_shot(megapixels: float, kind: str, folder: Path) -> None:

@@ -205,14 +205,14 @@ def plan(options: BenchOptions, found: dict[str, Path]) -> list[Piece]:
         others = [(name, other) for name in found for other in options.seeds[1:]]
         pieces += [own(name, Kind.SEED, f"{name}.seed{other}", (), other) for name, other in others]
     if options.preset is not Preset.PAPER and Step.LESSONS in steps:  # which has lessons of its own
-        score = ("--methods", *LESSONS_METHODS)
+        learned = ("--methods", *LESSONS_METHODS)
         kinds = [(name, *kind) for name in found for kind in lessons.items()]
-        pieces += [variant(name, Kind.LESSONS, label, seed, learn, score) for name, label, learn in kinds]
+        pieces += [variant(name, Kind.LESSONS, label, seed, learn, learned) for name, label, learn in kinds]
     if Step.LOSSES in steps and LOSSES_SCENE in found:
-        score = ("--methods", PAPER_METHOD, "--no-unseen")
+        seen = ("--methods", PAPER_METHOD, "--no-unseen")
         losses = [(label, each, learn) for each in options.seeds for label, learn in LOSSES.items()]
         pieces += [
-            variant(LOSSES_SCENE, Kind.LOSS, label, each, (*_ON_PHOTOS, *learn), score)
+            variant(LOSSES_SCENE, Kind.LOSS, label, each, (*_ON_PHOTOS, *learn), seen)
             for label, each, learn in losses
         ]
     return pieces

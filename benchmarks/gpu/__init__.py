@@ -130,9 +130,9 @@ def page(setting: Setting, found: dict[str, Outcome], command: str, seconds: flo
 
 def main(words: Sequence[str]) -> int:
     """Read the command line, measure and write; return 1 where a part failed."""
-    if words[:1] == ["--part"]:  # in the process of its own
+    if [*words[:1]] == ["--part"]:  # in the process of its own
         module = importlib.import_module(f"benchmarks.gpu.{PARTS[words[1]].module}")
-        getattr(module, f"{words[1]}_part")(Setting.of_words(words[2:]))
+        getattr(module, f"{words[1]}_part")(Setting.of_words([*words[2:]]))
         return 0
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter

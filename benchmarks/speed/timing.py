@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import torch
@@ -50,7 +51,7 @@ def measure_limits(trials: int) -> Limits:
     return Limits(2 * 4 * _COPIED / copied, 2 * _SIDE**3 / product)
 
 
-def growth_rows(name: str, cases: Mapping[float, Mapping[str, float]], scale: float = 1000.0) -> list[str]:
+def growth_rows(name: str, cases: Mapping[Any, Mapping[str, float]], scale: float = 1000.0) -> list[str]:
     """Return the table of costs times `scale` by size, and the power of the size with which each grows.
 
     cases: size -> what -> seconds, or bytes.

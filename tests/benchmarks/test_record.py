@@ -53,14 +53,6 @@ def test_the_names_of_records_tell_them_apart():
     ]
 
 
-def test_a_record_is_small(tmp_path):
-    scored = metrics()
-    scored["photos"] = {f"photo_{i:03}": scored["photos"]["a"] for i in range(16)}
-    record("cup", scored=scored).write(tmp_path)
-    assert (tmp_path / "cup.json").stat().st_size < 5000
-    assert len(json.dumps(scored, indent=2)) > 3 * 5000
-
-
 WITHOUT_PHOTOS = {
     "format": 1,
     "scene": "a",

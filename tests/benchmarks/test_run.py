@@ -1,6 +1,5 @@
 """The bookkeeping of a benchmark, whose commands a program of the test's own takes."""
 
-import json
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -12,17 +11,14 @@ from benchmarks.run import (
     LOSSES,
     BenchOptions,
     Step,
-    find_scene,
-    paper_options,
     run_bench,
-    share_phase_one,
 )
-from benchmarks.tables import Tables, write_pages
 from lightprobe.core.config import Preset, settings
-from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.run import RunFolder
 from tests.benchmarks.program import Program
+
+PLACES = {"data": "data", "output": "out", "results": "R.md", "records": "records"}
 
 
 @pytest.fixture
@@ -38,30 +34,10 @@ def calls(program):
 
 @pytest.fixture
 def ask(tmp_path, program):
-    def make(
-        *,
-        seeds=(0,),
-        scenes=("chair", "cup", "gone"),
-        hdri=None,
-        preset=Preset.QUICK,
-        steps=(Step.RUN, Step.LESSONS),
-        paper_iterations=(),
-        slow_photos=2,
-    ) -> None:
-        options = BenchOptions(
-            scenes=scenes,
-            data=tmp_path / "data",
-            output=tmp_path / "out",
-            seeds=seeds,
-            results=tmp_path / "R.md",
-            records=tmp_path / "records",
-            preset=preset,
-            hdri=hdri,
-            steps=steps,
-            paper_iterations=paper_iterations,
-            slow_photos=slow_photos,
-        )
-        run_bench(options, program)
+    def make(**given) -> None:
+        usual = {"seeds": (0,), "scenes": ("chair", "cup", "gone"), "steps": (Step.RUN, Step.LESSONS)}
+        places = {key: tmp_path / name for key, name in PLACES.items()}
+        run_bench(BenchOptions(**usual | places | given), program)
 
     return make
 
@@ -71,12 +47,6 @@ def data(tmp_path):
     for place in ("chair", "real/cup"):
         (tmp_path / "data" / place).mkdir(parents=True)
     return tmp_path / "data"
-
-
-def test_scenes_are_found_at_most_one_folder_down(data):
-    assert find_scene(data, "chair") == data / "chair"
-    assert find_scene(data, "cup") == data / "real" / "cup"
-    assert find_scene(data, "gone") is None
 
 
 @pytest.mark.slow
@@ -108,29 +78,6 @@ def test_a_failed_piece_does_not_stop_the_others(data, tmp_path, program, ask):
     with pytest.raises(Exception, match=r"failed.*: cup\."):
         ask(scenes=("cup", "chair"))
     assert (tmp_path / "records" / "chair.json").is_file()
-
-
-def test_no_scene_at_all_is_an_error(data, tmp_path, ask):
-    with pytest.raises(Exception, match="None of gone"):
-        ask(scenes=("gone",))
-
-
-def test_variants_share_phase_one_and_nothing_else(data, tmp_path, calls, ask):
-    ask(scenes=("chair",))
-    source, run = RunFolder(tmp_path / "out" / "runs" / "chair"), RunFolder(tmp_path / "variant")
-    share_phase_one(source, run)
-    assert run.config("decompose") == source.config("decompose")
-    assert run.asset_file.is_file()
-    assert not run.model_folder.exists()
-
-
-def test_a_shared_phase_one_follows_a_scene_that_has_moved(data, tmp_path, calls, ask):
-    ask(scenes=("chair",))
-    source, run = RunFolder(tmp_path / "out" / "runs" / "chair"), RunFolder(tmp_path / "variant")
-    source.scene_file.write_text(json.dumps({"root": "/old/chair", "photos": {"a": 1}}))
-    share_phase_one(source, run)
-    run.record_scene({"root": "/new/chair", "photos": {"a": 1}})  # what --scene comes to
-    assert (source.scene()["root"], run.scene()["root"]) == ("/old/chair", "/new/chair")
 
 
 @pytest.fixture
@@ -171,22 +118,6 @@ def test_every_kind_of_lessons_is_another_phase_two_after_all_usual_ones(
     assert calls == []
     ask()
     assert "| chair | probe-net | with HDRIs |" in (tmp_path / "R.md").read_text()  # what is known stays
-
-
-def test_the_papers_preset_has_no_other_lessons(data, tmp_path, calls, ask):
-    ask(preset=Preset.PAPER)
-    assert [words[0] for words in calls] == ["train", "eval"] * 2
-
-
-def test_failed_lessons_stop_nothing_and_go_on_next_time(data, tmp_path, program, calls, hdris, ask):
-    program.fails = lambda words: words[0] == "distill" and "--hdri" in words
-    with pytest.raises(Exception, match=r"failed.*: cup\.lessons\.with-HDRIs training, chair\.lessons"):
-        ask(scenes=("cup", "chair"), hdri=hdris)
-    program.fails = lambda words: False
-    assert (tmp_path / "records" / "chair.lessons.photos-alone.json").is_file()
-    calls.clear()
-    ask(scenes=("cup", "chair"), hdri=hdris)
-    assert [words[0] for words in calls] == ["distill", "eval"] * 2
 
 
 def test_hdris_that_cannot_serve_are_refused_before_any_training(data, tmp_path, calls, hdris, ask):
@@ -242,13 +173,6 @@ def test_seeds_wait_for_the_run_that_names_the_default(data, tmp_path, calls, ca
     assert "SKIPPED chair.seed1: the scene's run has no numbers yet" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("step", [Step.LESSONS, Step.LOSSES])
-def test_other_second_phases_wait_for_the_first(data, calls, capsys, ask, step):
-    ask(scenes=("chair",), steps=(step,))
-    assert calls == []
-    assert "SKIPPED chair" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize(
     "asked",
     [
@@ -301,18 +225,6 @@ def test_the_paper_s_settings_get_a_run_of_their_own_that_says_how_long_it_was(d
         ask(scenes=("chair",), steps=(Step.PAPER,), paper_iterations=(9, 9))
 
 
-def test_the_paper_s_options_are_its_own_where_nothing_is_cut():
-    options, iterations = paper_options(10**6, 10**6)
-    paper = settings(Preset.PAPER)
-    assert options[:2] == ("--preset", "paper")
-    given = dict(zip(options[2::2], options[3::2], strict=True))
-    for option, value in given.items():
-        section, _, name = option.removeprefix("--").partition(".")
-        owner = getattr(paper, section)
-        assert getattr(owner, name.replace("-", "_")) == int(value)
-    assert iterations == "40 000 + 30 000"
-
-
 def test_records_of_other_settings_are_not_taken_for_these(data, tmp_path, calls, ask):
     ask(scenes=("chair",), steps=(Step.RUN,))
     with pytest.raises(ConfigError, match=r"chair\.json was made with seed 0, not 5"):
@@ -359,21 +271,6 @@ def test_finished_runs_of_other_settings_are_not_scored_as_these(data, tmp_path,
     assert not list((tmp_path / "records").glob("*.json"))
 
 
-def test_the_pages_are_written_from_records_alone(data, tmp_path, calls, ask):
-    ask(scenes=("chair",), steps=(Step.RUN,))
-    before = (tmp_path / "R.md").read_text()
-    calls.clear()
-    page = tmp_path / "again" / "R.md"
-    write_pages(Tables(tmp_path / "records", page, page.with_name("paper-tables.md")), ("chair",))
-    assert page.read_text() == before
-    assert page.with_name("paper-tables.md").is_file()
-    (tmp_path / "empty").mkdir()
-    for folder in ("no", "empty"):
-        with pytest.raises(ConfigError, match="--records"):
-            write_pages(Tables(tmp_path / folder, page))
-    assert page.read_text() == before
-
-
 @pytest.mark.parametrize(
     "wrong",
     [
@@ -391,11 +288,3 @@ def test_options_that_make_no_sense_are_refused_before_any_training(data, tmp_pa
     with pytest.raises(ConfigError):
         ask(**wrong)
     assert calls == []
-
-
-def test_options_of_the_variants_exist():
-    for options in (*LOSSES.values(), *LESSONS.values()):
-        for option in options:
-            if option.startswith("--"):
-                name = option.removeprefix("--distill.").removeprefix("no-").replace("-", "_")
-                assert name in DistillConfig.__dataclass_fields__

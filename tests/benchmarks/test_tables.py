@@ -1,6 +1,7 @@
 import itertools
 
-from benchmarks.record import Kind
+from benchmarks.paper_tables import paper_page
+from benchmarks.record import Kind, Record
 from benchmarks.results import BenchResults
 from benchmarks.tables import (
     comparison_table,
@@ -10,15 +11,13 @@ from benchmarks.tables import (
     light_table,
     loss_table,
     object_table,
-    published_images_table,
-    published_lights_table,
     record_table,
     results_page,
-    scene_table,
     seed_table,
     slow_table,
-    time_table,
+    verdict_table,
 )
+from lightprobe.models import LightAccuracy, ObjectVerdict
 from tests.benchmarks.records import metrics, record, spheres
 
 CUT = "1500 of 40 000 + 2000 of 30 000"
@@ -58,46 +57,12 @@ def cells(line: str) -> list[str]:
     return [cell.strip() for cell in line.split("|")[1:-1]]
 
 
-def test_rows_hold_means_with_intervals_and_true_objects_follow_their_scene():
-    images = [cells(line) for line in image_table(benchmark())[2:]]
-    assert images[0] == ["cup", "net", "30.00 ± 1.25", ".900", "25.00", "–", "21.00"]
-    assert images[-2] == ["cape", "net", "24.00", ".800", "–", "–", "–"]
-    names = [cells(line)[0] for line in light_table(benchmark())[2:]]
-    assert names == ["cup"] * 2 + ["cup, true object"] * 2 + ["pot"] * 2  # cape's light is not known
-
-
-def test_the_paper_s_method_is_named_by_what_it_was_trained_with():
-    """Trained as the default is, it is not the paper's; beside it stands a run that is, with its share of the
-    steps.
-    """
-    results = benchmark(record("cup", Kind.PAPER, preset="paper", iterations=CUT))
-    methods = [cells(line)[1] for line in image_table(results)[2:] if cells(line)[0] == "cup"]
-    assert methods == [
-        "net",
-        "probe-mlp, quick",
-        f"net, paper's settings, {CUT} iterations",
-        f"probe-mlp, paper's settings, {CUT} iterations",
-    ]
-    assert "probe-mlp, quick" in results_page(results)
-    assert "| probe-mlp |" not in results_page(results)
-    assert cells(comparison_table(results)[-1])[:2] == ["cup", f"paper's settings, {CUT} iterations"]
-
-
 def test_methods_that_saw_some_photos_stand_in_a_table_without_intervals():
     assert not any("slow" in line for line in (*image_table(benchmark()), *confidence_table(benchmark())))
     rows = slow_table(benchmark())[2:]
     assert cells(rows[0])[:3] == ["cup", "net (1 photo)", "25.00"]  # not photo b
     assert cells(rows[1])[:4] == ["cup", "slow (1 photo)", "24.00", "–"]
     assert not any("±" in row for row in rows)
-
-
-def test_every_scene_tells_what_it_was_used_for():
-    rows = {cells(line)[0]: cells(line)[1:] for line in scene_table(benchmark())[2:]}
-    assert rows["cup"] == ["yours: not used in development", "2", "1"]
-    assert rows["kettle"][0].startswith("untouched")
-    assert rows["kettle"][1] == "**not yet scored**"
-    assert rows["cape"] == ["development: looked at while settings were chosen", "1", "not named"]
-    assert list(rows)[:2] == ["kettle", "figure"]
 
 
 def test_gains_are_named_after_what_they_were_measured_against():
@@ -114,15 +79,6 @@ def test_gains_are_named_after_what_they_were_measured_against():
         "–",
     ]
     assert rows[-1][:5] == ["**mean**", "quick, as trained", "+0.00", "+1.00", "+4.00"]
-
-
-def test_the_papers_method_also_counts_with_other_lessons():
-    results = with_lessons()
-    other = next(r for r in results.records if r.label == "photos alone")
-    other.metrics["methods"]["probe-mlp"]["relit_psnr_scaled"] += 0.5
-    rows = comparison_table(results)
-    assert rows[:5] == comparison_table(benchmark())
-    assert [cells(row)[:5] for row in rows[5:]] == [["cup", "quick, photos alone", "+0.00", "-0.50", "+3.00"]]
 
 
 def with_lessons() -> BenchResults:
@@ -146,32 +102,6 @@ def test_lessons_stand_side_by_side_for_each_method_that_learned_from_them():
     assert lessons_table(benchmark()) == []
 
 
-def test_spheres_stand_beside_all_published_ones_in_the_mean_of_all_scenes_with_true_lights():
-    cup = metrics()
-    cup["methods"]["net"].update(spheres(0.3))
-    results = BenchResults([record("cup", scored=cup), record("chair"), record("cape", scored=real())])
-    rows = [cells(line) for line in published_lights_table(results)[2:]]
-    assert rows[0][:4] == ["ours, default", ".200", ".200", ".200"]
-    assert rows[0][-1].startswith("mean of cup, chair;")
-    assert rows[1][:2] == ["ours, probe-mlp, quick", ".200"]
-    assert [row[:4] for row in rows[2:]] == [
-        ["LuxDiT", ".077", ".196", ".442"],
-        ["NeuS + Mitsuba", ".082", ".232", ".424"],
-        ["DiffusionLight", ".113", ".270", ".519"],
-    ]
-    assert all(row[-1] for row in rows)
-    assert published_lights_table(BenchResults([record("cape", scored=real())])) == []
-
-
-def test_images_stand_beside_those_of_the_paper():
-    rows = [cells(line) for line in published_images_table(benchmark())[2:]]
-    assert rows == [
-        ["cape", "the paper, as published", "23.98", ".85"],
-        ["cape", "ours, net", "24.00", ".800"],
-        ["cape", "ours, probe-mlp, quick", "22.00", "–"],
-    ]
-
-
 def test_seeds_of_the_default_have_an_interval_and_a_range():
     results = benchmark(
         record("cape", Kind.SEED, real(26.0), seed=1), record("cape", Kind.SEED, real(25.0), seed=2)
@@ -188,17 +118,6 @@ def test_seeds_of_a_loss_have_an_interval():
     assert ".3000 ± .0000" in row
 
 
-def test_confidence_object_and_time():
-    confidence = confidence_table(benchmark())
-    assert confidence[2].startswith("| cup | net | 1.50 (2.00) |")
-    assert confidence[2].endswith("| 0.00 to 0.40 | yes |")
-    assert confidence[3].endswith("**no** |")
-    objects = [cells(row) for row in object_table(benchmark())[2:]]
-    assert [row[:2] for row in objects] == [["cup", ".80"], ["pot", ".80"], ["cup, true object", ".80"]]
-    times = time_table(benchmark())
-    assert times[2] == "| cup | .90 | .05 | 90.00 | 601 | – | – |"
-
-
 def test_each_row_tells_its_commit_where_these_differ():
     assert not any("commit" in table(benchmark())[0] for table in (image_table, light_table, object_table))
     results = benchmark(record("pot", Kind.ORACLE, commit="def"))
@@ -206,23 +125,6 @@ def test_each_row_tells_its_commit_where_these_differ():
     assert cells(light_table(results)[0])[-1] == "commit"
     assert "- commit: abc and def" in results_page(results)
     assert {cells(line)[1] for line in record_table(results)[2:]} == {"abc", "def"}
-
-
-def test_raw_scores_stand_beside_scaled_ones_in_every_table_that_has_them():
-    results = benchmark(record("cup", Kind.SEED, seed=1), *with_lessons().records)
-    for table in (
-        light_table,
-        seed_table,
-        comparison_table,
-        lessons_table,
-        slow_table,
-        object_table,
-        loss_table,
-    ):
-        head = cells(table(results)[0])
-        scaled = [i for i, name in enumerate(head) if name.startswith("scaled")]
-        assert scaled
-        assert all("raw" in head[i - 1] for i in scaled)
 
 
 def test_the_page_names_what_is_missing_and_survives_having_nothing():
@@ -234,3 +136,78 @@ def test_the_page_names_what_is_missing_and_survives_having_nothing():
             assert previous.count("|") == line.count("|")
     assert "## Images" not in results_page(BenchResults())
     assert "**not yet scored**" in results_page(BenchResults())
+
+
+def judged(
+    scene: str, disagreement: float, found: float, error: float, kind: Kind = Kind.RUN, **about
+) -> Record:
+    """Return a record of an object with a verdict, of which relighting found `found` dB."""
+    scored = metrics()
+    scored["mean"]["relight_psnr_scaled"] = found
+    scored["methods"]["net"].update(spheres(error))
+    verdict = ObjectVerdict(disagreement, photos=5, surprise=0.25).to_json()
+    accuracy = LightAccuracy("net", 16, 0.5, (error / 2, error, error * 3), 1.0, 1.0).to_json()
+    return record(scene, kind, scored, object_verdict=verdict, light_accuracy=accuracy, **about)
+
+
+def test_what_was_said_stands_beside_what_was_found():
+    runs = [judged("cup", 0.1, 18.5, 0.2), judged("bowl", 0.05, 23.0, 0.1, Kind.SEED, seed=2)]
+    results = BenchResults([*runs, record("pot"), judged("cup", 0.2, 24.5, 0.05, Kind.ORACLE)])
+    lines = verdict_table(results)
+    assert lines[2:] == [
+        "| cup | 0 | poor | 10.0 | .2 | 17.0 | 18.5 | 24.5 | .80 | .300 | .200 | .050 |",
+        "| bowl | 2 | good | 5.0 | .2 | 23.0 | 23.0 | – | .80 | .150 | .100 | – |",
+    ]  # of two objects no order is told
+    assert verdict_table(BenchResults([record("pot")])) == []
+    fitted = judged("cup", 0.1, 18.5, 0.2)
+    fitted.object_verdict["held_out"] = False
+    assert verdict_table(BenchResults([fitted])) == []
+
+
+def test_an_order_is_told_of_some_objects():
+    errors = (0.2, 0.1, 0.05, 0.025)  # disagreements, for 11, 17, 23 and 29 dB
+    found = [13.0, 12.0, 23.0, 29.0]
+    every = [judged(name, e, f, e) for name, e, f in zip("abcd", errors, found, strict=True)]
+    page = results_page(BenchResults(every))
+    assert "over 4 objects: .80; mean miss 1.8 dB, worst 5.0 dB." in page
+    assert "Of the spheres' mean error over 4: 1.00; mean miss .047, worst .100." in page
+
+
+def section(page: str, title: str) -> str:
+    return page.split(f"## {title}")[1].split("\n## ")[0]
+
+
+def test_every_table_and_figure_of_the_paper_is_there_without_any_run():
+    page = paper_page(BenchResults())
+    assert [f"## Table {i}" in page for i in range(1, 6)] == [True] * 5
+    assert [f"| {i} |" in section(page, "Figures") for i in range(1, 5)] == [True] * 4
+    assert "| the paper's | 24.00 / .87 | 24.01 / .89 | 23.98 / .85 |" in section(page, "Table 3")
+    assert "| ours, default | – | not run | not run |" in section(page, "Table 3")
+    assert "not run*: Car, Chair, Globe" in section(page, "Table 1")
+    assert page.count("python -m benchmarks run --data DATA") >= 5
+    for previous, line in itertools.pairwise(page.splitlines()):
+        if line.startswith("| ---"):
+            assert previous.count("|") == line.count("|")
+
+
+def test_our_values_stand_under_the_paper_s_and_shorter_runs_say_how_long():
+    paper = record(
+        "cape", Kind.PAPER, preset="paper", iterations="15 of 40 000 + 20 of 30 000", machine="M", threads="1"
+    )
+    losses = [record("chair", Kind.LOSS, label="L2, both weights", seed=seed) for seed in (0, 1)]
+    page = paper_page(BenchResults([record("cape"), record("chair"), paper, *losses]))
+    assert "| ours, default | – | not run | 30.00 / .900 |" in section(page, "Table 3")
+    assert "cape: probe-mlp, paper's settings, 15 of 40 000 + 20 of 30 000 iterations." in section(
+        page, "Table 3"
+    )
+    assert "| ours, default | – | not run | not run | not run |" in section(
+        page, "Table 1"
+    )  # chair is another one
+    assert "| ours, net | .90 | – | cape;" in section(page, "Table 4")
+    assert "| L2, both weights | 29.61 / .95 | 27.00 / .8000 | 2 |" in section(page, "Table 5")
+
+
+def test_an_average_needs_every_scene_of_its_table():
+    scenes = ("nerd-gnome", "nerd-motherchild")
+    page = paper_page(BenchResults([record(name, scored=metrics()) for name in scenes]))
+    assert "| ours, default | 30.00 / .900 | 30.00 / .900 | 30.00 / .900 |" in section(page, "Table 2")

@@ -118,18 +118,19 @@ def comparison_page(found: Comparison) -> str:
     shown = [
         name for name in evenly_spaced([name for name in found.photos if name in first]) if name in second
     ]
+    places = {name: found.photos.index(name) for name in shown}
     photos = [
         {
             "name": name,
-            "place": found.photos.index(name),
+            "place": place,
             "changes": {key: changes[name][key] for key in ORDERS if key in changes[name]},
             "first": first[name],
             "second": second[name],
         }
-        for name in shown
+        for name, place in places.items()
     ]
     every = html.table(
-        "photo", changes, SCORES, anchors={photo["name"]: f"photo-{photo['place']}" for photo in photos}
+        "photo", changes, SCORES, anchors={name: f"photo-{place}" for name, place in places.items()}
     )
     for photo, cells in every.rows.items():
         signed = [c and Cell(c.value, h.signed(c.value)) for c, h in zip(cells, every.columns, strict=True)]
