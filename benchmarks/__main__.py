@@ -9,7 +9,7 @@ MEASUREMENTS = {
     "run": "every scene and method trained and scored, into records/ and RESULTS.md",
     "tables": "RESULTS.md from the records alone",
     "speed": "kernels, predictions and training on the CPU, into SPEED.md",
-    "gpu": "tests, kernels, trainings and predictions on a GPU, into GPU.md",
+    "gpu": "kernels, trainings and predictions on a GPU, into GPU.md",
     "golden": "the scores that tests/runs/test_golden.py holds later code to",
     "fleet": "a fleet's cost beside the work itself, and a machine that dies",
     "insertion": "a virtual object put into a photo, against path-traced truth",

@@ -1,17 +1,15 @@
-"""The program on a GPU beside the CPU, within 25 minutes, into benchmarks/GPU.md.
+"""The program on a GPU beside the CPU, within minutes, into benchmarks/GPU.md.
 
-    python -m benchmarks gpu [--device cuda] [-o benchmarks/GPU.md] [--minutes 24.5] [--seed 0] [--parts NAME ...]
+    python -m benchmarks gpu [--device cuda] [-o benchmarks/GPU.md] [--minutes 10] [--seed 0] [--parts NAME ...]
     python -m benchmarks gpu --device cpu --brief [-o PAGE.md]
 
-    tests       pytest -m cuda
     kernels     every kernel's body against the device's limits and the CPU's result
     quality     the demo's training on the device and on the CPU, and both their scores
     prediction  latency, photos a second, and the maps' difference from the CPU's
     pace        the first steps of each stage of the preset `standard`
-    standard    Phase I and II of `standard`, and its scores
 
 Each part, or each of --parts, runs in a process of its own within its share of the time. One that fails or takes too
-long is recorded with the sentence it left, and the rest goes on. Everything is made from the bundled scene. On a CPU
+long is recorded with the sentence it left, and the rest goes on. The tests that need a GPU are run by `pytest -m cuda`. Everything is made from the bundled scene. On a CPU
 the page is printed, and written only where -o says: benchmarks/GPU.md is for GPUs.
 """
 
@@ -44,7 +42,6 @@ class Part:
 
 
 PARTS = {
-    "tests": Part("checks", "Tests", 5.0, "The tests that need a CUDA device."),
     "kernels": Part(
         "kernels", "Kernels", 2.0, "Each kernel's body on the device, beside the device's limits."
     ),
@@ -66,14 +63,7 @@ PARTS = {
         "training",
         "Pace of `standard`",
         2.0,
-        "The first steps of each stage with the settings meant for a GPU, and how long all of them take at that pace; "
-        "what lies between the stages comes on top.",
-    ),
-    "standard": Part(
-        "training",
-        "Phase I and II at `standard`",
-        7.5,
-        "The bundled scene with the settings meant for a GPU.",
+        "The first steps of each stage with the settings meant for a GPU; what lies between the stages comes on top.",
     ),
 }
 
@@ -140,7 +130,7 @@ def main(words: Sequence[str]) -> int:
     parser.add_argument("--device", default="cuda", help="cuda, cuda:N, or cpu to see that all of it works")
     parser.add_argument("--brief", action="store_true", help="small cases")
     parser.add_argument("-o", "--output", type=Path, help=f"the page; on a GPU by default {PAGE}")
-    parser.add_argument("--minutes", type=float, default=24.5, help="for all parts together")
+    parser.add_argument("--minutes", type=float, default=10, help="for all parts together")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--parts", nargs="+", choices=list(PARTS), default=list(PARTS), help="by default all")
     given = parser.parse_args(words)

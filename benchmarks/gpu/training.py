@@ -1,4 +1,4 @@
-"""Trainings on the bundled scene: the demo's on device and CPU; `standard` on the device, begun and whole."""
+"""Trainings on the bundled scene: the demo's on device and CPU; the first steps of `standard` on the device."""
 
 import time
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import torch
 
 from benchmarks.gpu.parts import Pace, Setting
 from benchmarks.speed.training import small
-from lightprobe.core.config import DecomposeConfig, distillation, reconstruction
+from lightprobe.core.config import DecomposeConfig, Preset, demo_settings, settings
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import resolve_device
 from lightprobe.core.files import write_json
@@ -28,25 +28,11 @@ from lightprobe.scene.record import scene_record
 from lightprobe.training import Progress
 
 SCENE = Path(str(resources.files("lightprobe") / "assets" / "demo"))
-SCORES = (
-    "psnr_masked",
-    "psnr_unseen",
-    "relit_psnr_scaled",
-    "diffuse_si_rmse",
-    "matte_si_rmse",
-    "mirror_si_rmse",
-    "light_log_rmse_scaled",
-    "base_color_psnr_scaled",
-    "chamfer",
-)
-_BEGUN = {
-    "pass1": 250,
-    "pass2": 150,
-    "pass3": 150,
-    "network": 300,
-    "sphere": 300,
-}  # steps of each stage of `pace`
-_HEADINGS = {**IMAGES, **LIGHTS, **MAPS, **OBJECT}
+_SPHERES = ("diffuse_si_rmse", "matte_si_rmse", "mirror_si_rmse")
+_SCORES = ("psnr_masked", "psnr_unseen", "relit_psnr_scaled", *_SPHERES, "light_log_rmse_scaled")
+HEADINGS = {
+    key: (IMAGES | LIGHTS | MAPS | OBJECT)[key] for key in (*_SCORES, "base_color_psnr_scaled", "chamfer")
+}
 
 
 @dataclass(frozen=True)
@@ -56,7 +42,7 @@ class Learned:
     decomposition: Decomposition
     model: ProbeModel
     first: float  # seconds of Phase I
-    second: float  # of Phase II, lessons included
+    second: float  # of Phase II, training examples included
     memory: str
 
 
@@ -66,90 +52,41 @@ def scene(*, brief: bool) -> Scene:
     return replace(whole, train=whole.train[:4], test=whole.test[:1], relight=()) if brief else whole
 
 
-def configurations(preset: str, *, brief: bool) -> tuple[DecomposeConfig, DistillConfig]:
-    """Return the configurations of `demo` or `standard`, or some of seconds."""
-    if brief:
-        size = small()
-        first = replace(
-            size.decompose,
-            pass1_iterations=4,
-            pass2_iterations=3,
-            pass3_iterations=2,
-            validation_photos=0,
-            pass3_texture_size=256,
-            teacher_resolution=16,
-            max_faces=2000,
-        )
-        return first, replace(size.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
-    if preset == "standard":
-        return reconstruction.standard(), distillation.standard()
-    return reconstruction.demo(), distillation.demo()
-
-
-def stage_steps(first: DecomposeConfig, second: DistillConfig) -> dict[str, int]:
-    """Return how many steps each stage of a training takes."""
-    return {
-        "pass1": first.pass1_iterations,
-        "pass2": first.pass2_iterations,
-        "pass3": first.pass3_iterations,
-        "network": second.steps,
-        "sphere": second.sphere_steps,
-    }
-
-
-def begun(first: DecomposeConfig, second: DistillConfig) -> tuple[DecomposeConfig, DistillConfig]:
-    """Return configurations of at most `_BEGUN` steps."""
-    steps = {stage: min(whole, _BEGUN[stage]) for stage, whole in stage_steps(first, second).items()}
-    return (
-        replace(
-            first,
-            pass1_iterations=steps["pass1"],
-            pass2_iterations=steps["pass2"],
-            pass3_iterations=steps["pass3"],
-        ),
-        replace(
-            second,
-            steps=steps["network"],
-            sphere_steps=steps["sphere"],
-            synthetic_lessons=min(second.synthetic_lessons, _BEGUN["sphere"]),
-        ),
-    )
+def brief_configs() -> tuple[DecomposeConfig, DistillConfig]:
+    """Return configurations that take seconds."""
+    first, steps = small(), {"pass1_iterations": 4, "pass2_iterations": 3, "pass3_iterations": 2}
+    sizes = {"validation_photos": 0, "pass3_texture_size": 256, "teacher_resolution": 16, "max_faces": 2000}
+    second = replace(first.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
+    return replace(first.decompose, **steps, **sizes), second
 
 
 def learn(
-    preset: str, place: str, device: torch.device, setting: Setting, pace: Pace, *, whole: bool = True
+    name: str,
+    first: DecomposeConfig,
+    second: DistillConfig,
+    device: torch.device,
+    setting: Setting,
+    pace: Pace,
 ) -> Learned:
-    """Train both phases on the bundled scene, or only begin each stage; the stages' names begin with `place`."""
-    photos, (first, second) = scene(brief=setting.brief), configurations(preset, brief=setting.brief)
-    full = stage_steps(first, second)
-    if not whole:
-        first, second = begun(first, second)
+    """Train both phases on the bundled scene; the names of the stages begin with `name`."""
+    photos = scene(brief=setting.brief)
     if device.type == "cuda":
         torch.cuda.init()  # until then a device that was named by its number has no memory to ask about
         torch.cuda.reset_peak_memory_stats(device)
     begin = time.perf_counter()
-    progress = Progress(
-        on_step=lambda stage, step, steps, loss: pace.step(f"{place}: {stage}", step, full.get(stage, steps))
-    )
+    progress = Progress(on_step=lambda stage, step, steps, loss: pace.step(f"{name}: {stage}", step, steps))
     found = decompose(photos, first, device, setting.seed, progress)
     middle = time.perf_counter()
-    model = distill(
-        found,
-        photos,
-        second,
-        device,
-        setting.seed,
-        progress,
-        on_lesson=lambda done, count: pace.step(f"{place}: photos turned into lessons", done, count),
-    )
-    return Learned(found, model, middle - begin, time.perf_counter() - middle, _memory(device))
 
+    def on_example(done: int, count: int) -> None:
+        pace.step(f"{name}: training examples", done, count)
 
-def _memory(device: torch.device) -> str:
+    model = distill(found, photos, second, device, setting.seed, progress, on_lesson=on_example)
+    memory, of = peak_memory(), "the process"
     if device.type == "cuda":
-        return f"{torch.cuda.max_memory_allocated(device) / 2**30:.2f} GiB of the GPU"
-    used = peak_memory()
-    return "–" if used is None else f"{used:.2f} GiB of the process"
+        memory, of = torch.cuda.max_memory_allocated(device) / 2**30, "the GPU"
+    used = "–" if memory is None else f"{memory:.2f} GiB of {of}"
+    return Learned(found, model, middle - begin, time.perf_counter() - middle, used)
 
 
 def keep(learned: Learned, folder: Path) -> None:
@@ -163,7 +100,7 @@ def keep(learned: Learned, folder: Path) -> None:
     learned.model.save(run.model_folder)
 
 
-def score_rows(name: str, learned: Learned, device: torch.device, setting: Setting) -> list[str]:
+def score_row(name: str, learned: Learned, device: torch.device, setting: Setting) -> str:
     """Return the row of a training: its times and its scores on the test photos by the default method."""
     found = evaluate(
         learned.decomposition,
@@ -174,50 +111,33 @@ def score_rows(name: str, learned: Learned, device: torch.device, setting: Setti
         protocols=Protocols(unseen=not setting.brief),
     )
     mean = found.to_json()["mean"]
-    scores = [_HEADINGS[key].text(mean[key]) if key in mean else "–" for key in SCORES]
-    return [
+    scores = [heading.text(mean[key]) if key in mean else "–" for key, heading in HEADINGS.items()]
+    return (
         f"| {name} | {learned.first:.0f} | {learned.second:.0f} | {learned.memory} | {' | '.join(scores)} |"
-    ]
-
-
-def score_head() -> list[str]:
-    """Return the head of the table of trainings."""
-    titles = [f"{_HEADINGS[key].name} {_HEADINGS[key].arrow}".strip() for key in SCORES]
-    return [
-        f"| training | Phase I, s | Phase II, s | memory | {' | '.join(titles)} |",
-        "| --- | ---: | ---: | --- |" + " ---: |" * len(titles),
-    ]
+    )
 
 
 def quality_part(setting: Setting) -> None:
-    """Train the demo on the device and on the CPU, from the same seed, and score both where they were
-    trained.
-    """
-    pace = Pace("quality", setting)
-    setting.write("quality", score_head())
-    for name in dict.fromkeys((setting.device, "cpu")):
-        device = resolve_device(name)
-        place = f"demo, seed {setting.seed}, on {device.type}"
-        learned = learn("demo", place, device, setting, pace)
-        if name == setting.device:
+    """Train the demo on the device and on the CPU, from the same seed, and score both where they were trained."""
+    titles = " | ".join(f"{heading.name} {heading.arrow}".strip() for heading in HEADINGS.values())
+    head = f"| training | Phase I, s | Phase II, s | memory | {titles} |"
+    setting.write("quality", [head, "| --- | ---: | ---: | --- |" + " ---: |" * len(HEADINGS)])
+    usual, pace = demo_settings(), Pace("quality", setting)
+    configs = brief_configs() if setting.brief else (usual.decompose, usual.distill)
+    for place in dict.fromkeys((setting.device, "cpu")):
+        device = resolve_device(place)
+        name = f"demo, seed {setting.seed}, on {device.type}"
+        learned = learn(name, *configs, device, setting, pace)
+        if place == setting.device:
             keep(learned, setting.folder / "run")
-        setting.write("quality", score_rows(place, learned, device, setting))
+        setting.write("quality", [score_row(name, learned, device, setting)])
 
 
 def pace_part(setting: Setting) -> None:
-    """Begin each stage of `standard` on the device; the table of stages tells how long all of them would
-    take.
-    """
-    device = resolve_device(setting.device)
-    learned = learn(
-        "standard", f"standard on {device.type}", device, setting, Pace("pace", setting), whole=False
-    )
+    """Take the first steps of each stage of `standard` on the device; the table of stages tells their pace."""
+    usual, device = settings(Preset.STANDARD), resolve_device(setting.device)
+    steps = {"pass1_iterations": 250, "pass2_iterations": 150, "pass3_iterations": 150}
+    second = replace(usual.distill, steps=300, sphere_steps=300, synthetic_lessons=300)
+    configs = brief_configs() if setting.brief else (replace(usual.decompose, **steps), second)
+    learned = learn(f"standard on {device.type}", *configs, device, setting, Pace("pace", setting))
     setting.write("pace", [f"Memory: {learned.memory}."])
-
-
-def standard_part(setting: Setting) -> None:
-    """Train `standard` on the device and score it there."""
-    device = resolve_device(setting.device)
-    place = f"standard, seed {setting.seed}, on {device.type}"
-    learned = learn("standard", place, device, setting, Pace("standard", setting))
-    setting.write("standard", [*score_head(), *score_rows(place, learned, device, setting)])
