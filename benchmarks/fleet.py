@@ -15,7 +15,6 @@ which one is killed once checkpoints exist; every run must have the bits of one 
 Everything goes to a temporary folder. Prints what was found, and ends with 1 where something is missing or differs.
 """
 
-import argparse
 import math
 import shutil
 import tempfile
@@ -28,6 +27,7 @@ from pathlib import Path
 import pyarrow
 import pyarrow.parquet
 
+from benchmarks import command_line
 from compare_runs import differences
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import Method, PredictConfig
@@ -260,9 +260,7 @@ def _kill(machines: object, doomed: object, runs: Path, count: int) -> None:
 
 def main(words: Sequence[str]) -> int:
     """Read the command line, measure, and return the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     kinds = parser.add_subparsers(dest="kind", required=True)
     load = kinds.add_parser("load")
     load.add_argument("--rows", type=int, default=100_000)

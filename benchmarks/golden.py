@@ -13,7 +13,6 @@ changes at most. Training is the same on every machine only within rounding, whi
 another seed does: hence the seeds as a yardstick.
 """
 
-import argparse
 import math
 import time
 from collections.abc import Mapping, Sequence
@@ -24,6 +23,7 @@ from statistics import fmean, stdev
 from scipy.stats import t as student
 
 import lightprobe
+from benchmarks import command_line
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.files import read_json, write_json
 from lightprobe.evaluation.evaluation import Protocols
@@ -109,9 +109,7 @@ def summary(measured: Mapping[str, Mapping[str, float]]) -> dict[str, dict[str, 
 
 def main(words: Sequence[str]) -> None:
     """Read the command line and measure."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--more", action="store_true", help="keep the seeds that the file has")
     parser.add_argument("--file", type=Path, default=FILE)

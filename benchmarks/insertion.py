@@ -12,7 +12,6 @@ apart those that the thing covers, those of the ground, and those of the pot. Pi
 Mitsuba is needed (`pip install 'lightprobe[dev]'`) with an LLVM library newer than 15.
 """
 
-import argparse
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +23,7 @@ import torch
 from PIL import Image
 
 import demo_scene
+from benchmarks import command_line
 from benchmarks.insertion_scenes import CASES, Case, camera_of, glb, moved, true_decomposition
 from demo_scene.files import read_exr
 from demo_scene.textures import Model, make_model
@@ -162,9 +162,7 @@ def write_picture(rows: Sequence[Path], path: Path) -> None:
 
 def main(words: Sequence[str]) -> None:
     """Read the command line and measure."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER")
     parser.add_argument("--run", type=Path, metavar="RUN", help="a run that learnt the demo's coffee pot")
     parser.add_argument("--side", type=int, default=256, help="pixels of the photos")

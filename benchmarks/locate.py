@@ -17,7 +17,6 @@ are laid over it (`benchmarks.composed`), others are taken as they are; neither 
 A wrong pose is one that is off by more than 3 pixels; it is silent when its verdict is good.
 """
 
-import argparse
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -27,6 +26,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks import command_line
 from benchmarks.composed import background, composed
 from benchmarks.run import find_scene
 from lightprobe.core.errors import InputError
@@ -86,9 +86,7 @@ def photo_files(name: str, scene: Scene, folder: Path) -> Iterator[tuple[str, Pa
 
 
 def pose_error(subject: Subject, found: Camera, given: Camera) -> float:
-    """Return the mean distance at the vertices that `given` sees, in pixels of 320, of two input-frame
-    cameras.
-    """
+    """Return the mean distance of two input-frame cameras at vertices that `given` sees, in pixels of 320."""
     similarity, mesh = subject.predictor.decomposition.similarity, subject.predictor.decomposition.asset.mesh
     scale = 320 / max(given.width, given.height)
     small = given.resized(max(1, round(scale * given.width)), max(1, round(scale * given.height)))
@@ -229,9 +227,7 @@ HEADS = {
 
 def main(words: Sequence[str]) -> None:
     """Read the command line and print the tables."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("--data", type=Path, required=True)
     parser.add_argument("--runs", type=Path, required=True)
     parser.add_argument("--scenes", nargs="+", required=True)

@@ -22,6 +22,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from benchmarks import command_line
+
 # Runs a command from a small process, so that what this one has held is not counted as the command's
 _LAUNCHER = """
 import resource, subprocess, sys
@@ -188,9 +190,7 @@ def write_photo(picture: Image.Image, path: Path) -> None:
 
 def main(words: Sequence[str]) -> None:
     """Read the command line, measure and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("run", type=Path, metavar="RUN")
     parser.add_argument("--megapixels", type=float, nargs="+", default=[12, 48, 134])
     kinds, every = ["jpg", "png"], list(COMMANDS)

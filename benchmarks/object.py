@@ -8,7 +8,6 @@ with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, a
 differ (cast). The last columns are what the object's verdict rests on (`models.object_verdict`).
 """
 
-import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import fields, replace
@@ -18,6 +17,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from benchmarks import command_line
 from lightprobe.core.config import DecomposeConfig, Preset, settings
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
@@ -51,9 +51,7 @@ _COLUMNS = {
 
 
 def changed(config: DecomposeConfig, changes: Sequence[str]) -> DecomposeConfig:
-    """Return the configuration with NAME=VALUE in place; raise `ConfigError` for a name or a value that is
-    none.
-    """
+    """Return the configuration with NAME=VALUE in place; raise `ConfigError` for what is no number of it."""
     kinds: dict[str, Any] = {field.name: type(getattr(config, field.name)) for field in fields(config)}
     for change in changes:
         name, _, value = change.partition("=")
@@ -67,9 +65,7 @@ def changed(config: DecomposeConfig, changes: Sequence[str]) -> DecomposeConfig:
 
 
 def light_errors(light: Tensor, truth: Tensor) -> tuple[float, float]:
-    """Return the log-RMSE of a light (6, R, R, 3) against the true one, and its cast; both as the module
-    says.
-    """
+    """Return the log-RMSE of a light (6, R, R, 3) against the true one, and its cast, as the module says."""
     weight = cubemap.solid_angles(_SIDE)[..., None]
     weight = weight / (3 * weight.sum())
     logs = []
@@ -82,9 +78,7 @@ def light_errors(light: Tensor, truth: Tensor) -> tuple[float, float]:
 
 
 def light_scores(decomposition: Decomposition, scene: Scene) -> dict[str, float]:
-    """Return the mean errors of the training photos' lights, nothing for a scene that does not bring true
-    ones.
-    """
+    """Return the mean errors of the training photos' lights, {} for a scene without true ones."""
     errors = [
         light_errors(
             decomposition.lights[photo.name].texels.cpu(), Environment.load(photo.truth.environment).texels
@@ -113,9 +107,7 @@ def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: i
 
 def main(words: Sequence[str]) -> None:
     """Measure the scenes that the command line names."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("scenes", type=Path, nargs="+")
     parser.add_argument("--preset", type=Preset, default=Preset.QUICK, choices=list(Preset))
     parser.add_argument("--set", nargs="*", default=[], metavar="NAME=VALUE")

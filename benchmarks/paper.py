@@ -1,15 +1,11 @@
-"""What `--preset paper` costs: measured steps and memory, and what its work comes to on a GPU.
+"""What `--preset paper` costs: measured steps and memory, and the hours of a full run at that pace.
 
     python -m benchmarks paper SCENE [--photos 8] [--steps 24] [--device cpu] [--page docs/paper-preset.md]
 
 A few steps of each pass and of Phase II are trained at full size on some of the scene's photos. The lines between the
 page's marks are replaced; without --page they are printed.
-
-The projection counts the arithmetic and the memory traffic that the largest parts of a step cannot do without and
-takes a share of a GPU's limits for them, plus the launches; what it leaves out makes it too short.
 """
 
-import argparse
 import dataclasses
 import time
 from collections.abc import Sequence
@@ -18,8 +14,8 @@ from pathlib import Path
 
 import torch
 
+from benchmarks import command_line
 from benchmarks.provenance import commit, machine
-from benchmarks.speed.kernels import LOBE
 from benchmarks.speed.timing import median_gap
 from lightprobe.core.config import Preset, settings
 from lightprobe.core.config.presets import Settings
@@ -38,21 +34,6 @@ BEGIN, END = "<!-- measured by benchmarks/paper.py -->", "<!-- end of what was m
 PHOTOS = 102  # of the scene of a projected run
 PASSES = ("pass1", "pass2", "Phase II")
 _NAMES = {"pass1": "first pass", "pass2": "second pass", "Phase II": "Phase II"}
-_ADAM = 28  # bytes of a parameter's step: four numbers read, three written
-
-
-@dataclass(frozen=True)
-class Gpu:
-    """A device that the projection is made for, and how much of its limits is reckoned with."""
-
-    name: str
-    flops: float  # /s, float32
-    bandwidth: float  # bytes/s
-    share: float = 0.4
-    launch: float = 8e-6  # seconds a kernel takes at least
-
-
-GPUS = (Gpu("GTX 1080 Ti", 11.3e12, 484e9), Gpu("RTX 4090", 82.6e12, 1008e9))
 
 
 @dataclass(frozen=True)
@@ -68,19 +49,6 @@ class Costs:
     faces: int
     photos: int
     device: torch.device
-
-
-@dataclass(frozen=True)
-class Work:
-    """What a step cannot do without."""
-
-    flops: float
-    moved: float  # bytes
-    launches: int
-
-    def seconds(self, gpu: Gpu) -> float:
-        """Return how long a GPU takes at the reckoned share of its limits."""
-        return (self.flops / gpu.flops + self.moved / gpu.bandwidth) / gpu.share + self.launches * gpu.launch
 
 
 def small() -> Settings:
@@ -112,7 +80,8 @@ def measure(scene: Scene, sizes: Settings, photos: int, steps: int, device: torc
     def on_step(stage: str, step: int, count: int, loss: float) -> None:
         stamps.setdefault(stage, []).append(time.perf_counter())
         worked.setdefault(stage, []).append(time.process_time())
-        memory[stage] = _peak(device)
+        on_gpu = device.type == "cuda"
+        memory[stage] = torch.cuda.max_memory_allocated(device) / 2**30 if on_gpu else peak_memory()
 
     config = dataclasses.replace(sizes.decompose, pass1_iterations=steps, pass2_iterations=steps)
     found = decompose(scene, config, device, 0, Progress(on_step=on_step))
@@ -131,14 +100,8 @@ def measure(scene: Scene, sizes: Settings, photos: int, steps: int, device: torc
     )
 
 
-def _peak(device: torch.device) -> float | None:
-    return torch.cuda.max_memory_allocated(device) / 2**30 if device.type == "cuda" else peak_memory()
-
-
 def _step_seconds(stamps: list[float], device: torch.device) -> float:
-    """Return the seconds of a step; of a GPU, whose losses are read in bunches, the mean over the second
-    half.
-    """
+    """Return the seconds of a step; of a GPU, whose losses are read in bunches, the later half's mean."""
     if device.type == "cpu":
         return median_gap(stamps)
     half = len(stamps) // 2
@@ -160,27 +123,6 @@ def hours(steps: dict[str, float], lesson: float, sizes: Settings, photos: int =
         zip(PASSES, (config.pass1_iterations, config.pass2_iterations, sizes.distill.steps), strict=True)
     )
     return (sum(counts[name] * steps[name] for name in PASSES) + photos * lesson) / 3600
-
-
-def works(sizes: Settings) -> dict[str, Work]:
-    """Return the work of a step of each part."""
-    first, second = sizes.decompose, sizes.distill
-    vertices, pixels = (first.lattice_cells + 1) ** 3, first.pass1_side**2
-    network = 39 * 64 + 2 * 64 * 64 + 64  # multiply-adds of the distances' MLP
-    light = 3 * 6 * first.light_resolution**2
-    table = first.hash_levels * 2**first.hash_log2_size * first.hash_features
-    shading = 4 * 60 * pixels * 3 * 2  # some sixty maps of three channels, there and back
-    texels = 8 * first.texture_size**2
-    pairs = second.samples * 6 * second.light_resolution**2
-    return {
-        "pass1": Work(
-            6.0 * vertices * network,
-            4 * vertices * 64 * 3 * 6 + _ADAM * (table + 3 * vertices + light) + shading,
-            900,
-        ),
-        "pass2": Work(0.0, _ADAM * (texels + light) + 4 * 6 * texels + shading, 700),
-        "Phase II": Work(float(pairs * (2 * LOBE + 14)), _ADAM * 40_000, 150),
-    }
 
 
 def rows(costs: Costs, sizes: Settings, note: str) -> list[str]:
@@ -209,34 +151,8 @@ def rows(costs: Costs, sizes: Settings, note: str) -> list[str]:
         f"Preparing a lesson takes {costs.lesson:.1f} s, of the processor {costs.lesson_worked:.1f} s.",
         f"Each further photo takes {more:.1f} MiB in Phase I and {costs.lesson_bytes / 2**20:.1f} MiB in Phase II.",
         f"**A full run on {PHOTOS} photos, projected: {whole:.1f} hours, {busy:.1f} of the processor's.**",
-        "",
-        *projection_rows(sizes),
     ]
     return lines
-
-
-def projection_rows(sizes: Settings) -> list[str]:
-    """Return the table of what a step's work comes to on GPUs."""
-    found = works(sizes)
-    lines = [
-        f"| projection | {' | '.join(f'{_NAMES[name]}, ms a step' for name in PASSES)} | full run, hours |",
-        "| --- |" + " ---: |" * (len(PASSES) + 1),
-    ]
-    for gpu in GPUS:
-        steps = {name: work.seconds(gpu) for name, work in found.items()}
-        cells = " | ".join(f"{1000 * steps[name]:.0f}" for name in PASSES)
-        lines.append(f"| {gpu.name} | {cells} | {hours(steps, 0.1, sizes):.1f} |")
-    usual = GPUS[0]
-    return [
-        *lines,
-        "",
-        "Not measured: "
-        + "; ".join(
-            f"{_NAMES[name]} {work.flops / 1e9:.1f} GFLOP, {work.moved / 1e9:.1f} GB, {work.launches} launches a step"
-            for name, work in found.items()
-        )
-        + f", at {100 * usual.share:.0f} % of a device's limits and {1e6 * usual.launch:.0f} µs a launch.",
-    ]
 
 
 def replaced(page: str, lines: str) -> str:
@@ -250,9 +166,7 @@ def replaced(page: str, lines: str) -> str:
 
 def main(words: Sequence[str]) -> None:
     """Read the command line, measure and write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("scene", type=Path)
     parser.add_argument("--photos", type=int, default=8, help="training photos looked at")
     parser.add_argument("--steps", type=int, default=24, help="of each pass, at least as many as photos")

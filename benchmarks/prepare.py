@@ -10,7 +10,6 @@ after the similarity that fits their positions best; distance is that of a camer
 WORK already is not made again, so that times are those of the first run.
 """
 
-import argparse
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import command_line
 from lightprobe.core.files import read_json
 from lightprobe.imaging import read_mask, shrink_area
 from lightprobe.preparation import PrepareOptions, prepare
@@ -80,9 +80,7 @@ def compare(found: dict[str, Camera], true: dict[str, Camera]) -> tuple[np.ndarr
 
 
 def similarity(a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
-    """Return rotation (3, 3), scale and shift (3,) that take points a (K, 3) to b robustly (Umeyama 1991,
-    trimmed).
-    """
+    """Return rotation (3, 3), scale, shift (3,) from points a (K, 3) to b, trimmed (Umeyama 1991)."""
     chosen = np.arange(len(a))
     for _ in range(5):
         x, y = a[chosen], b[chosen]
@@ -115,9 +113,7 @@ def written_cameras(scene: Path) -> dict[str, Camera]:
 
 
 def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | None = None) -> str:
-    """Prepare one scene and return its row of the table; chosen: the hint's photo, by default the one in the
-    middle.
-    """
+    """Prepare one scene and return its row; chosen: the hint's photo, by default the one in the middle."""
     marked = chosen or sorted(truth.masks)[len(truth.masks) // 2]
     photo = next(path for path in sorted(truth.photos.iterdir()) if path.stem == marked)
     hint = f"{photo.name}={truth.masks[marked]}" if hinted else None
@@ -137,9 +133,7 @@ def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | Non
 
 def main(words: Sequence[str]) -> None:
     """Measure the scenes that the command line names, and print the table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("data", type=Path)
     parser.add_argument(
         "--work", type=Path, required=True, help="folder for scenes and the rendered turntable"

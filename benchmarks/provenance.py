@@ -1,6 +1,4 @@
-"""What made a number: the commit, the machine and its threads, what a training took, a command without
-folders.
-"""
+"""What made a number: commit, machine, threads, costs of a training, a command without folders."""
 
 import math
 import os
@@ -17,9 +15,7 @@ from lightprobe.core.timings import read_timings
 
 
 def without_places(command: str, places: dict[str, Path]) -> str:
-    """Return a command without this machine's folders: names stand for `places`, other absolute paths lose
-    theirs.
-    """
+    """Return a command with names in place of `places`, and without the folders of other absolute paths."""
     spellings = {
         str(spelling): name for name, place in places.items() for spelling in (place, place.resolve())
     }

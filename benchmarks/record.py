@@ -60,9 +60,7 @@ class Record:
 
     @property
     def name(self) -> str:
-        """The name of its file without the suffix: the scene, and what sets it apart from the scene's other
-        records.
-        """
+        """The file's name without the suffix: the scene, and what sets the record apart from its others."""
         parts = [] if self.kind is Kind.RUN else [self.kind.value]
         parts = [f"{self.kind.value}{self.seed}"] if self.kind is Kind.SEED else parts
         parts += [re.sub(r"[^A-Za-z0-9]+", "-", self.label).strip("-")] if self.label else []
@@ -103,9 +101,7 @@ def read_records(folder: Path) -> list[Record]:
 
 
 def _packed(metrics: Metrics) -> dict[str, Any]:
-    """Return the content of a metrics.json with one list per method and score, over photos; None where one
-    has none.
-    """
+    """Return the content of a metrics.json with a list over photos for each method and score."""
     photos = metrics["photos"]
     scores: dict[str, dict[str, list[float | None]]] = {}
     for method in metrics["methods"]:

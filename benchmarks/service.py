@@ -48,6 +48,7 @@ import httpx2
 import numpy as np
 from PIL import Image
 
+from benchmarks import command_line
 from lightprobe.core.memory import resident_bytes
 from lightprobe.imaging import read_hdr
 from lightprobe.scene import load_scene
@@ -317,9 +318,7 @@ def report(
 
 def main(words: Sequence[str]) -> None:
     """Measure, and print what came of it."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("run", type=Path)
     parser.add_argument("--scene", type=Path, required=True)
     parser.add_argument("--method", default="")

@@ -88,9 +88,7 @@ class Package:
 
 
 def project(path: Path = ROOT / "pyproject.toml") -> tuple[list[str], set[str]]:
-    """Return the requirements of the project with its tools, and the names of extras that these do not take
-    in.
-    """
+    """Return the requirements of the project with its tools, and the extras that these leave out."""
     found = tomllib.loads(path.read_text())["project"]
     extras = {normal(name): requirements for name, requirements in found["optional-dependencies"].items()}
     taken, waiting, lines = {"dev"}, ["dev"], list(found["dependencies"])

@@ -13,7 +13,6 @@ long is recorded with the sentence it left, and the rest goes on. The tests that
 the page is printed, and written only where -o says: benchmarks/GPU.md is for GPUs.
 """
 
-import argparse
 import importlib
 import shlex
 import sys
@@ -23,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks import command_line
 from benchmarks.gpu.parts import Outcome, Setting, pace_rows, run_part
 from benchmarks.provenance import commit, machine
 from lightprobe.core.device import resolve_device
@@ -124,9 +124,7 @@ def main(words: Sequence[str]) -> int:
         module = importlib.import_module(f"benchmarks.gpu.{PARTS[words[1]].module}")
         getattr(module, f"{words[1]}_part")(Setting.of_words([*words[2:]]))
         return 0
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("--device", default="cuda", help="cuda, cuda:N, or cpu to see that all of it works")
     parser.add_argument("--brief", action="store_true", help="small cases")
     parser.add_argument("-o", "--output", type=Path, help=f"the page; on a GPU by default {PAGE}")

@@ -21,9 +21,7 @@ Photo = tuple[Pixels, Camera]
 
 
 def prediction_part(setting: Setting) -> None:
-    """Write latency and photos per second at two sizes, and the difference between the device's maps and the
-    CPU's.
-    """
+    """Write latency and rate at two sizes, and how far the device's maps are from the CPU's."""
     run = setting.folder / "run"
     if not run.is_dir():
         raise ConfigError(

@@ -14,12 +14,12 @@ medians after a call to warm up; exponents are fitted to logarithms. `--quick` t
 of it works.
 """
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import torch
 
+from benchmarks import command_line
 from benchmarks.provenance import commit, machine
 from benchmarks.speed import training
 from benchmarks.speed.kernels import LOBE, all_kernels, kernel_rows, time_kernel, time_prefilter
@@ -31,9 +31,7 @@ from lightprobe.core.run import RunFolder
 
 def main(words: Sequence[str]) -> None:
     """Read the command line, measure and write."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = command_line(__doc__)
     parser.add_argument("-o", "--output", type=Path, default=Path("benchmarks/SPEED.md"))
     parser.add_argument("--run", type=Path, help="finished run: its model predicts, its timings are read")
     parser.add_argument("--scene", type=Path, help="where the run's photos are, if they have moved")

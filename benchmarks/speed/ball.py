@@ -1,6 +1,4 @@
-"""The object of the measurements: a ball with blotchy material that knows its own shadows, so no data are
-needed.
-"""
+"""The object of the measurements: a ball with blotchy material that knows its own shadows."""
 
 import math
 
@@ -40,9 +38,7 @@ def ball(subdivisions: int, texture_size: int = 1024) -> Asset:
 
 
 def camera(side: int, number: int = 0, count: int = 1) -> Camera:
-    """Return one of `count` cameras spread all around, in whose square picture the ball fills most of the
-    frame.
-    """
+    """Return one of `count` cameras spread all around, whose square picture the ball nearly fills."""
     height, around = 1 - (2 * number + 1) / count, number * math.pi * (3 - math.sqrt(5))
     ring = math.sqrt(1 - height**2)
     back = np.array([ring * math.cos(around), ring * math.sin(around), height])

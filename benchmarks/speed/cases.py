@@ -23,9 +23,7 @@ def probes(pixels: int = 1024, resolution: int = 64) -> tuple[Tensor, ...]:
 
 
 def sphere_pixels(across: int = 73) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Return colours, normals, views and alpha2 of a sphere's pixels in the order of a photo, mirrors to
-    matte.
-    """
+    """Return colours, normals, views, alpha2 of a sphere's pixels in a photo's order, mirrors to matte."""
     y, x = torch.meshgrid(torch.linspace(-1, 1, across), torch.linspace(-1, 1, across), indexing="ij")
     inside = x * x + y * y < 0.98
     x, y = x[inside], y[inside]

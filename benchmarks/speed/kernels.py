@@ -150,9 +150,7 @@ def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
 
 
 def all_kernels(*, quick: bool, device: torch.device = CPU) -> list[Kernel]:
-    """Return all kernels that have a reference body, on equal inputs on every device; `quick`: an eighth of
-    them.
-    """
+    """Return all kernels that have a reference body, on the same inputs everywhere; `quick`: an eighth."""
     part = 8 if quick else 1
     return [
         *raster_kernels(device),

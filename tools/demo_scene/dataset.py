@@ -109,9 +109,7 @@ class Writer:
     def photograph(
         self, name: str, light: Light, view: View, exposure: float, seed: int
     ) -> tuple[dict, np.ndarray, np.ndarray]:
-        """Render and write the photo `name`; return its frame, its premultiplied linear RGBA and its
-        environment.
-        """
+        """Render and write a photo; return its frame, its premultiplied linear RGBA and its environment."""
         environment = round_half(light.radiance * exposure, LARGEST, bits=light.bits)
         self.studio.set_environment(environment.astype(np.float32))
         image = self.studio.photograph(view, self.settings.side, self.settings.samples, seed)
@@ -192,9 +190,7 @@ def write_split(writer: Writer, split: str, count: int, first_light: int) -> Non
 
 
 def write_relight(writer: Writer, first_light: int) -> None:
-    """Photograph the object from the same new views under each of two more lights, one exposure for each
-    light.
-    """
+    """Photograph the object from the same new views under two more lights, one exposure for each light."""
     settings = writer.settings
     views = camera_views(_RELIGHT_VIEWS, np.random.default_rng([settings.seed, first_light]))
     frames: list[dict] = []

@@ -84,9 +84,7 @@ def grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path:
 
 
 def revolve(name: str, runs: list[np.ndarray], segments: int) -> Part:
-    """Turn profile runs, each (n, 2) of (radius, height), around the z axis; profiles run upwards on the
-    outside.
-    """
+    """Turn profile runs, each (n, 2) of (radius, height), around the z axis; upwards is outside."""
     profile = np.concatenate(runs)
     v = arc_length(profile)
     angle = np.linspace(0.0, 2 * np.pi, segments + 1)
@@ -216,9 +214,7 @@ def _spout() -> Part:
 
 
 def coffee_pot() -> list[Part]:
-    """Return the parts of the pot in the normalised frame: bounding-box centre at the origin, farthest vertex
-    at 1.
-    """
+    """Return the parts of the pot: bounding-box centre at the origin, farthest vertex at 1."""
     return normalise([_body(), _lid(), _neck_band(), _knob(), _handle(), _spout()])
 
 
@@ -231,9 +227,7 @@ def normalise(parts: list[Part]) -> list[Part]:
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Merge vertices that round to the same 1e-4 and drop unused ones and faces that vanish; return both
-    anew.
-    """
+    """Merge vertices that round to the same 1e-4, drop unused ones and faces that vanish; return both."""
     used, faces = np.unique(faces, return_inverse=True)
     rounded, index = np.unique(np.round(vertices[used], 4) + 0.0, axis=0, return_inverse=True)
     faces = index.reshape(-1)[faces.reshape(-1, 3)]
