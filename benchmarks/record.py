@@ -51,12 +51,8 @@ class Record:
     command: str = ""
     iterations: str = ""  # where the paper's are cut: how many of how many
     training: dict[str, float] = field(default_factory=dict)  # phase -> seconds, and `memory` in GiB
-    object_verdict: dict[str, Any] = field(
-        default_factory=dict
-    )  # as `ObjectVerdict.to_json`, where there is one
-    light_accuracy: dict[str, Any] = field(
-        default_factory=dict
-    )  # as `LightAccuracy.to_json`, where there is one
+    object_verdict: dict[str, Any] = field(default_factory=dict)  # of `ObjectVerdict.to_json`, or empty
+    light_accuracy: dict[str, Any] = field(default_factory=dict)  # of `LightAccuracy.to_json`, or empty
 
     @property
     def name(self) -> str:
@@ -134,24 +130,22 @@ def _unpacked(stored: dict[str, Any]) -> Metrics:
         }
         for method, columns in scores.items()
     }
-    means = {
-        m: {key: sum(v.values()) / len(v) for key, v in columns.items()} for m, columns in values.items()
-    }
     photos: dict[str, Any] = {name: {"methods": {}} for name in names}
-    for method, columns in values.items():
-        for key, column in columns.items():
-            for name, value in column.items():
-                photos[name]["methods"].setdefault(method, {})[key] = value
+    means: dict[str, dict[str, float]] = {method: {} for method in values}
+    margins: dict[str, dict[str, float]] = {method: {} for method in values}
+    for method, key, column in (
+        (m, key, column) for m, each in values.items() for key, column in each.items()
+    ):
+        means[method][key] = sum(column.values()) / len(column)
+        margin = photo_interval(column, lights)
+        margins[method] |= {key: margin} if math.isfinite(margin) else {}
+        for name, value in column.items():
+            photos[name]["methods"].setdefault(method, {})[key] = value
     for name, light in lights.items():
         photos[name]["light"] = light
-    widths = {
-        m: {key: photo_interval(v, lights) for key, v in columns.items()} for m, columns in values.items()
-    }
     return {
         "mean": {**means[stored["default_method"]], **stored["truth"]},
-        "interval": {
-            m: {key: w for key, w in each.items() if math.isfinite(w)} for m, each in widths.items()
-        },
+        "interval": margins,
         "default_method": stored["default_method"],
         "methods": means,
         "confidence": stored["confidence"],

@@ -251,14 +251,10 @@ class Benchmark:
             return
         command = ("eval", str(run.path), "--scene", str(piece.scene), *score)
         scored = not kept and self._score(record, command, run, run.metrics_file)
-        if (
-            record.kind is Kind.RUN and run.oracle.asset_file.is_file()
-        ):  # the evaluation has found the true object
+        if record.kind is Kind.RUN and run.oracle.asset_file.is_file():  # found by the evaluation
             oracle = replace(record, kind=Kind.ORACLE)
             before = self._kept(oracle)
-            stale = before is not None and (
-                scored or before.trained != _trained_at(run)
-            )  # of another training
+            stale = before is not None and (scored or before.trained != _trained_at(run))
             if stale or not self._done(oracle):
                 self._score(oracle, (*command, "--oracle-asset"), run, run.oracle.metrics_file)
 

@@ -54,10 +54,12 @@ def scene(*, brief: bool) -> Scene:
 
 def brief_configs() -> tuple[DecomposeConfig, DistillConfig]:
     """Return configurations that take seconds."""
-    first, steps = small(), {"pass1_iterations": 4, "pass2_iterations": 3, "pass3_iterations": 2}
-    sizes = {"validation_photos": 0, "pass3_texture_size": 256, "teacher_resolution": 16, "max_faces": 2000}
-    second = replace(first.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
-    return replace(first.decompose, **steps, **sizes), second
+    size = small()
+    first = replace(
+        size.decompose, pass1_iterations=4, pass2_iterations=3, pass3_iterations=2, max_faces=2000
+    )
+    first = replace(first, validation_photos=0, pass3_texture_size=256, teacher_resolution=16)
+    return first, replace(size.distill, steps=4, sphere_steps=4, synthetic_lessons=4)
 
 
 def learn(
@@ -136,8 +138,8 @@ def quality_part(setting: Setting) -> None:
 def pace_part(setting: Setting) -> None:
     """Take the first steps of each stage of `standard` on the device; the table of stages tells their pace."""
     usual, device = settings(Preset.STANDARD), resolve_device(setting.device)
-    steps = {"pass1_iterations": 250, "pass2_iterations": 150, "pass3_iterations": 150}
+    first = replace(usual.decompose, pass1_iterations=250, pass2_iterations=150, pass3_iterations=150)
     second = replace(usual.distill, steps=300, sphere_steps=300, synthetic_lessons=300)
-    configs = brief_configs() if setting.brief else (replace(usual.decompose, **steps), second)
+    configs = brief_configs() if setting.brief else (first, second)
     learned = learn(f"standard on {device.type}", *configs, device, setting, Pace("pace", setting))
     setting.write("pace", [f"Memory: {learned.memory}."])

@@ -24,10 +24,10 @@ from .lights import (
 from .render import Studio, View
 from .textures import make_model
 
-ANGLE = 2 * float(
-    np.arctan(0.36)
-)  # field of view: the unit sphere fits into the picture from a distance of 3
+# field of view: the unit sphere fits into the picture from a distance of 3
+ANGLE = 2 * float(np.arctan(0.36))
 _KEY = 0.22  # mean luminance a photo is exposed for
+_MIX = {"outdoors": 0.375, "room": 0.3, "studio": 0.2, "evening": 0.125}
 _RELIGHT_VIEWS = 4
 _RELIGHT_KINDS = (Kind.OUTDOORS, Kind.ROOM)
 
@@ -41,9 +41,7 @@ class Settings:
     samples: int = 512  # per pixel of a photo
     train: int = 56
     test: int = 8
-    mix: dict[str, float] = field(
-        default_factory=lambda: {"outdoors": 0.375, "room": 0.3, "studio": 0.2, "evening": 0.125}
-    )  # share of each kind of light
+    mix: dict[str, float] = field(default_factory=lambda: dict(_MIX))  # share of each kind of light
 
 
 def camera_views(count: int, rng: np.random.Generator) -> list[View]:

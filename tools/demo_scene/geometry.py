@@ -77,9 +77,7 @@ def grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path:
         faces.append(_grid_faces(rows, width - 1) + offset)
         offset += rows * width
     joined = np.concatenate(vertices), np.concatenate(faces)
-    kept = joined[1][
-        np.linalg.norm(_face_normal(*joined), axis=1) > 1e-9
-    ]  # at a pole every second one is a line
+    kept = joined[1][np.linalg.norm(_face_normal(*joined), axis=1) > 1e-9]  # at a pole every second is a line
     return Part(name, joined[0], np.concatenate(normals), np.concatenate(uvs), kept, path)
 
 
