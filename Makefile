@@ -8,7 +8,7 @@
 # make fuzz    damaged and hostile files for every reader, for MINUTES (60); findings are left in build/fuzz
 # make kills   kill -9 at MOMENTS (50) moments of the commands, full disks; the same bits afterwards
 # make bench   timings of kernels and stages (benchmarks/SPEED.md), then every scene in DATA that has no record yet
-#              (benchmarks/RESULTS.md, docs/paper-tables.md)
+#              (benchmarks/RESULTS.md)
 
 PYTHON ?= python3
 VENV := .venv
@@ -66,8 +66,9 @@ kills: $(TOOLS)
 	@OMP_NUM_THREADS=1 NUMBA_NUM_THREADS=1 $(BIN)/python -m tests.kills --moments $(MOMENTS)
 
 bench: $(TOOLS)
-	@$(BIN)/python tools/measure_speed.py
-	@if test -d '$(DATA)'; then $(BIN)/lightprobe bench --data '$(DATA)'; \
+	@$(BIN)/pytest -q --benchmark-enable --benchmark-only tests
+	@$(BIN)/python -m benchmarks speed
+	@if test -d '$(DATA)'; then $(BIN)/python -m benchmarks run --data '$(DATA)'; \
 	else echo 'SKIPPED the scenes: there is no folder $(DATA); run make bench DATA=FOLDER'; fi
 
 $(READY): pyproject.toml constraints.txt

@@ -23,7 +23,6 @@ _LONGEST = tuple(
     f"tests/{name}.py"
     for name in (
         "cli/test_resume",
-        "tools/test_measure_gpu",
         "reconstruction/test_cavity_trials",
         "cli/test_damaged_run",
         "cli/test_using",
@@ -31,7 +30,6 @@ _LONGEST = tuple(
         "docs/test_docs",
         "examples/test_examples",
         "preparation/test_preparing",
-        "tools/test_measure_speed",
         "reconstruction/test_metal_trials",
         "kernels/test_triton_compiles",
         "tools/test_make_demo_scene",

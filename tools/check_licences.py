@@ -24,7 +24,7 @@ from packaging.requirements import Requirement
 
 ROOT = Path(__file__).parents[1]
 ALLOWED = frozenset(
-    {
+    [
         "0BSD",
         "Apache-2.0",
         "Apache-2.0 WITH LLVM-exception",
@@ -33,15 +33,15 @@ ALLOWED = frozenset(
         "BSL-1.0",
         "CC0-1.0",
         "ISC",
-        "LicenseRef-TOST-1.0",  # Pixar's Tomorrow Open Source Technology licence: Apache 2.0 with another trademark clause
         "MIT",
         "MIT-CMU",
         "MPL-2.0",
         "PSF-2.0",
         "Unlicense",
         "Zlib",
-    }
-)
+        "LicenseRef-TOST-1.0",
+    ]
+)  # the last is Pixar's Tomorrow Open Source Technology licence: Apache 2.0 with another trademark clause
 # What packages say in words of their own -> SPDX
 _WORDS = {
     "3-Clause BSD License": "BSD-3-Clause",
@@ -63,21 +63,12 @@ _READ = {
 }
 # Shared libraries under copyleft, by the beginning of their file's name
 _COPYLEFT = {
-    "libx264": "GPL-2.0-or-later",
-    "libx265": "GPL-2.0-or-later",
-    "libav": "LGPL-2.1-or-later",
-    "libsw": "LGPL-2.1-or-later",
-    "libheif": "LGPL-3.0-or-later",
-    "libde265": "LGPL-3.0-or-later",
+    **dict.fromkeys(("libx264", "libx265"), "GPL-2.0-or-later"),
+    **dict.fromkeys(("libav", "libsw", "libgnutls", "libasound", "libquadmath"), "LGPL-2.1-or-later"),
+    **dict.fromkeys(("libheif", "libde265", "libnettle", "libhogweed"), "LGPL-3.0-or-later"),
+    **dict.fromkeys(("libgmp", "libunistring"), "LGPL-3.0-or-later"),
     "libraw": "LGPL-2.1-only",
     "libmp3lame": "LGPL-2.0-or-later",
-    "libgnutls": "LGPL-2.1-or-later",
-    "libnettle": "LGPL-3.0-or-later",
-    "libhogweed": "LGPL-3.0-or-later",
-    "libgmp": "LGPL-3.0-or-later",
-    "libunistring": "LGPL-3.0-or-later",
-    "libasound": "LGPL-2.1-or-later",
-    "libquadmath": "LGPL-2.1-or-later",
 }
 _NOT_COPYLEFT = ("libavif",)  # BSD, by a name that begins like FFmpeg's
 # Packages known to bring such libraries in their wheels, which users install themselves: SECURITY.md names
@@ -97,9 +88,7 @@ class Package:
 
 
 def project(path: Path = ROOT / "pyproject.toml") -> tuple[list[str], set[str]]:
-    """Return the requirements of the project with its tools, and the names of extras that these do not take
-    in.
-    """
+    """Return the requirements of the project with its tools, and the extras that these leave out."""
     found = tomllib.loads(path.read_text())["project"]
     extras = {normal(name): requirements for name, requirements in found["optional-dependencies"].items()}
     taken, waiting, lines = {"dev"}, ["dev"], list(found["dependencies"])
@@ -117,16 +106,13 @@ def project(path: Path = ROOT / "pyproject.toml") -> tuple[list[str], set[str]]:
 
 def closure(requirements: Iterable[str]) -> tuple[list[Package], list[str]]:
     """Return all installed packages that requirements lead to, by name, and the names of missing ones."""
-    found: dict[str, Distribution] = {}
-    missing: set[str] = set()
-    seen: set[tuple[str, str]] = set()
+    found, missing, seen = dict[str, Distribution](), set[str](), set[tuple[str, str]]()
     waiting = [Requirement(line) for line in requirements]
     while waiting:
         requirement = waiting.pop()
         name = normal(requirement.name)
-        if (
-            requirement.marker is not None and not requirement.marker.evaluate({"extra": ""})
-        ) or name in missing:
+        other = requirement.marker is not None and not requirement.marker.evaluate({"extra": ""})
+        if other or name in missing:
             continue
         try:
             found[name] = distribution(requirement.name)
@@ -150,11 +136,9 @@ def _needs(package: Distribution, extra: str) -> Iterator[Requirement]:
 
 
 def _package(name: str, found: dict[str, Distribution]) -> Package:
-    package = found[name]
+    package, said = found[name], licence(name, found[name])
     needs = sorted({normal(need.name) for need in _needs(package, "")} & found.keys())
-    return Package(
-        name, package.version, licence(name, package), tuple(needs), libraries(package.files or ())
-    )
+    return Package(name, package.version, said, tuple(needs), libraries(package.files or ()))
 
 
 def licence(name: str, package: Distribution) -> str | None:
@@ -164,9 +148,8 @@ def licence(name: str, package: Distribution) -> str | None:
         return _READ[name]
     if "License-Expression" in said:
         return said["License-Expression"]
-    classifiers = [
-        c.split(" :: ")[-1] for c in said.get_all("Classifier") or [] if c.startswith("License ::")
-    ]
+    every = said.get_all("Classifier") or []
+    classifiers = [line.split(" :: ")[-1] for line in every if line.startswith("License ::")]
     for words in [*(said.get_all("License") or []), *classifiers]:
         text = words.strip()
         if text in _WORDS or text in ALLOWED:
@@ -187,9 +170,8 @@ def libraries(files: Iterable[PurePath]) -> dict[str, str]:
 
 def is_allowed(expression: str) -> bool:
     """Return whether an SPDX expression without parentheses can be met by allowed licences alone."""
-    return any(
-        all(part.strip() in ALLOWED for part in way.split(" AND ")) for way in expression.split(" OR ")
-    )
+    ways = (way.split(" AND ") for way in expression.split(" OR "))
+    return any(all(part.strip() in ALLOWED for part in way) for way in ways)
 
 
 def faults(packages: Sequence[Package]) -> Iterator[str]:
@@ -206,32 +188,22 @@ def faults(packages: Sequence[Package]) -> Iterator[str]:
 
 def bill(packages: Sequence[Package]) -> dict[str, Any]:
     """Return the software bill of materials, CycloneDX 1.6; the same packages give the same bytes."""
-    needs = [
-        {"ref": _url(p), "dependsOn": [_url(q) for q in packages if q.name in p.needs]} for p in packages
-    ]
+    components, needs = [], []
+    for p in packages:
+        named = [{"expression": p.licence}] if p.licence and is_allowed(p.licence) else []
+        about = {"bom-ref": _url(p), "name": p.name, "version": p.version, "purl": _url(p), "licenses": named}
+        brought = [
+            {"name": "shared library", "value": f"{n}: {said}"} for n, said in sorted(p.libraries.items())
+        ]
+        components.append({"type": "library", **about, **({"properties": brought} if brought else {})})
+        needs.append({"ref": _url(p), "dependsOn": [_url(q) for q in packages if q.name in p.needs]})
     return {
         "bomFormat": "CycloneDX",
         "specVersion": "1.6",
         "version": 1,
         "metadata": {"component": {"type": "library", "name": "lightprobe", "bom-ref": "lightprobe"}},
-        "components": [_component(package) for package in packages],
+        "components": components,
         "dependencies": needs,
-    }
-
-
-def _component(package: Package) -> dict[str, Any]:
-    named = [{"expression": package.licence}] if package.licence and is_allowed(package.licence) else []
-    brought = [
-        {"name": "shared library", "value": f"{n}: {said}"} for n, said in sorted(package.libraries.items())
-    ]
-    return {
-        "type": "library",
-        "bom-ref": _url(package),
-        "name": package.name,
-        "version": package.version,
-        "purl": _url(package),
-        "licenses": named,
-        **({"properties": brought} if brought else {}),
     }
 
 

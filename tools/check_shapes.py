@@ -37,7 +37,8 @@ Function = ast.FunctionDef | ast.AsyncFunctionDef
 
 def names_shapes(docstring: str) -> bool:
     """Tell whether a docstring names a shape, or points to where it stands."""
-    return bool(_SHAPE.search(docstring) or _POINTER.search(docstring))
+    text = " ".join(docstring.split())
+    return bool(_SHAPE.search(text) or _POINTER.search(text))
 
 
 def unnamed(path: Path) -> Iterator[tuple[int, str]]:

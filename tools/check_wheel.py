@@ -22,13 +22,8 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("python3.11", "python3.12", "python3.13")
-WITH_EXTRAS = (  # packages and modules that cannot be imported without an extra
-    "lightprobe.view",
-    "lightprobe.service",
-    "lightprobe.web",
-    "lightprobe.fleet",
-    "lightprobe.render.gltf_bsdf",
-)
+# packages and modules that cannot be imported without an extra
+WITH_EXTRAS = ("lightprobe.view", "lightprobe.service", "lightprobe.fleet", "lightprobe.render.gltf_bsdf")
 _USE = f"""
 import importlib, pkgutil, sys
 import lightprobe
@@ -89,25 +84,16 @@ def is_there(python: str) -> bool:
 
 def check_python(python: str, wheel: Path, folder: Path, extras: Sequence[str], *, demo: bool) -> None:
     """Install the wheel for a Python and use it; raise `FailureError` for what does not work."""
-    environment = folder / Path(python).name
+    environment, target = folder / Path(python).name, f"{wheel}[{','.join(extras)}]" if extras else str(wheel)
     _done([python, "-m", "venv", str(environment)], folder)
-    tools = environment / "bin"
-    target = f"{wheel}[{','.join(extras)}]" if extras else str(wheel)
-    _done(
-        [str(tools / "python"), "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), target],
-        folder,
-    )
-    program = str(tools / "lightprobe")
+    here, program = str(environment / "bin" / "python"), str(environment / "bin" / "lightprobe")
+    _done([here, "-m", "pip", "install", "-q", "-c", str(ROOT / "constraints.txt"), target], folder)
     if _done([program, "--version"], folder).strip() not in wheel.name:
         raise FailureError("--version does not tell the wheel's")
     _done([program, "--help"], folder)
-    _done([str(tools / "python"), "-c", _USE], folder)
-    package = Path(
-        _done(
-            [str(tools / "python"), "-c", "import lightprobe; print(lightprobe.__path__[0])"], folder
-        ).strip()
-    )
-    _done([program, "inspect", str(package / "assets" / "demo")], folder)
+    _done([here, "-c", _USE], folder)
+    package = _done([here, "-c", "import lightprobe; print(lightprobe.__path__[0])"], folder).strip()
+    _done([program, "inspect", str(Path(package) / "assets" / "demo")], folder)
     if demo:
         _done([program, "demo", "-o", str(folder / "demo")], folder)
 
@@ -116,17 +102,16 @@ def check_index(python: str) -> None:
     """Raise `FailureError` unless every package has a wheel, at its version, for a Python that is not here."""
     version = Path(python).name.removeprefix("python")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
-    words = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--dry-run",
-        "--ignore-installed",
+    words = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed"]
+    words += [
         "--only-binary=:all:",
+        "--python-version",
+        version,
+        "--target",
+        "nowhere",
+        "-c",
+        str(ROOT / "constraints.txt"),
     ]
-    words += ["--python-version", version, "--target", "nowhere", "-c", str(ROOT / "constraints.txt")]
     _done([*words, *project["dependencies"], *project["optional-dependencies"]["photos"]], ROOT)
 
 
@@ -135,9 +120,8 @@ def _done(words: Sequence[str], folder: Path) -> str:
     settings = {key: value for key, value in os.environ.items() if key != "PYTHONPATH"}
     done = subprocess.run(words, cwd=folder, env=settings, capture_output=True, text=True)
     if done.returncode != 0:
-        raise FailureError(
-            f"{' '.join(words[:6])[:200]} ends with {done.returncode}: {done.stderr.strip()[-800:]}"
-        )
+        said = done.stderr.strip()[-800:]
+        raise FailureError(f"{' '.join(words[:6])[:200]} ends with {done.returncode}: {said}")
     return done.stdout
 
 
@@ -164,7 +148,7 @@ def main(words: Sequence[str] | None = None) -> int:
                 else:
                     check_index(python)
                 print(
-                    f"{python}: {'works' if there else 'is not here; every package has a wheel for it'}",
+                    f"{python}: {'works' if there else 'is not here, but has wheels of all packages'}",
                     flush=True,
                 )
             except FailureError as error:

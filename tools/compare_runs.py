@@ -62,9 +62,7 @@ def _different(path: Path, other: Path) -> Iterator[str]:
 
 
 def _leaves(path: Path) -> dict[str, Any]:
-    """Return what a file holds: its tensors, its map, or the values of its JSON but for what was timed, by
-    name.
-    """
+    """Return what a file holds by name: tensors, a map, or the values of JSON but for what was timed."""
     if path.suffix == ".safetensors":
         return {name: tensor.numpy() for name, tensor in load_tensors(path).items()}
     if path.suffix == ".json":

@@ -8,9 +8,9 @@ light is predicted from each, and the error of ln radiance after one factor is e
 direction, by non-negative least squares on the causes that `error_causes` names. No light of a data set
 enters, neither for training nor for evaluation; those check the confidence afterwards.
 
-Prints for each run its own weights, and the errors in five bins of confidence: with the weights in use, and
-with those fitted to the other half of the photos. Of several runs it ends with the weights of all of them
-together, each counting the same; those stand in `prediction.confidence`.
+Prints the weights of each run, and of several the weights of all together, each counting the same, which stand in
+`prediction.confidence`; behind each the root mean square of the expected less the true error of photos that were not
+fitted to, and the same with the weights in use.
 """
 
 import argparse
@@ -33,8 +33,6 @@ from lightprobe.prediction.confidence import CAUSES, ESTIMATED, FITTED, Weights,
 from lightprobe.prediction.observation import observe
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.record import read_record
-
-BINS = 5
 
 
 @dataclass(frozen=True)
@@ -93,15 +91,6 @@ def joined(found: Sequence[Samples]) -> Samples:
     return Samples(*map(np.concatenate, zip(*parts, strict=True)))
 
 
-def binned(found: Samples, weights: np.ndarray) -> np.ndarray:
-    """Return the log-RMSE (5,) in bins of equal solid angle, the least confident first."""
-    order = np.argsort(-(found.causes @ weights), kind="stable")
-    place = np.cumsum(found.angle[order]) - found.angle[order] / 2
-    part = (BINS * place / found.angle.sum()).astype(int)
-    square, share = found.error[order] ** 2, found.angle[order]
-    return np.sqrt([np.average(square[part == i], weights=share[part == i]) for i in range(BINS)])
-
-
 def gap(found: Samples, weights: np.ndarray) -> float:
     """Return the root mean square, by solid angle, of the expected error less the true one."""
     return float(np.sqrt(np.average((found.causes @ weights - found.error) ** 2, weights=found.angle)))
@@ -113,20 +102,11 @@ def named(weights: np.ndarray) -> str:
     return f"Weights({', '.join(f'{name}={value:.2f}' for name, value in pairs)})"
 
 
-def report(found: Samples, used: Weights) -> list[str]:
-    """Return the lines to print: fitted weights, and how both sort the errors of photos they were not fitted
-    to.
-    """
-    lines = [f"fitted  {named(fit(found))}", f"in use  {used}"]
-    now = np.array([getattr(used, name) for name in (*CAUSES, "least")])
-    for remainder in (0, 1):
-        half, fitted = found.part(remainder), fit(found.part(1 - remainder))
-        for name, weights in (("in use", now), ("fitted to the other half", fitted)):
-            bins = " ".join(f"{value:.2f}" for value in binned(half, weights))
-            lines.append(
-                f"half {remainder + 1}, weights {name}: log-RMSE {bins}, off by {gap(half, weights):.3f}"
-            )
-    return lines
+def report(found: Samples, used: Weights) -> str:
+    """Return the line to print of an object."""
+    halves = [gap(found.part(other), fit(found.part(1 - other))) for other in (0, 1)]
+    now = gap(found, np.array([getattr(used, name) for name in (*CAUSES, "least")]))
+    return f"{named(fit(found))}, off by {sum(halves) / 2:.3f}; in use: off by {now:.3f}"
 
 
 def _predictor(run: RunFolder) -> Predictor:
@@ -150,7 +130,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
             run = RunFolder.open(path)
             cameras = list(read_record(run).cameras["train"].values())
             every.append(samples(_predictor(run), cameras, given.method, max(given.photos, 2)))
-            print(path, *report(every[-1], used), sep="\n", flush=True)
+            print(path, report(every[-1], used), flush=True)
     except LightprobeError as error:
         sys.exit(str(error))
     if len(every) > 1:

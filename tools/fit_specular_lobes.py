@@ -35,9 +35,7 @@ STEPS, RATE, SMOOTHNESS = 700, 0.03, 0.001
 
 @dataclass(frozen=True)
 class Cells:
-    """All (cosine, roughness) cells, each with M directions around its mirror direction, on one side of the
-    plane.
-    """
+    """All (cosine, roughness) cells, each with M directions around its mirror direction, on one side."""
 
     cosine: Tensor  # (C, 1)
     roughness: Tensor  # (1, S)
@@ -75,9 +73,7 @@ def make_cells() -> Cells:
 
 
 def true_lobe(cells: Cells, f0: float) -> tuple[Tensor, Tensor]:
-    """Return F D V n.l of every cell and direction (C, S, M), scaled to integrate to 1, and its integral (C,
-    S, 1).
-    """
+    """Return F D V n.l of every cell and direction (C, S, M), scaled to integrate to 1, and its integral."""
     alpha2 = cells.roughness[..., None] ** 4
     cos_view, cos_light = cells.cosine[..., None], cells.light[..., 2].clamp(min=0.0)
     view = cells.mirror * torch.tensor([-1.0, 1.0, 1.0])
@@ -92,9 +88,7 @@ def true_lobe(cells: Cells, f0: float) -> tuple[Tensor, Tensor]:
 
 
 def prefiltered_lobe(cells: Cells, centre: Tensor, alpha: Tensor) -> Tensor:
-    """Return the lobe of `lightprobe.light.lobes` around unit `centre` (C, S, 3) with alpha (C, S): (C, S,
-    M).
-    """
+    """Return the lobe (C, S, M) of `lightprobe.light.lobes` around unit `centre` (C, S, 3), alpha (C, S)."""
     alpha2 = alpha[..., None] ** 2
     chord2 = (cells.light - centre[:, :, None]).square().sum(-1)
     lobe = (1.0 - 0.5 * chord2).clamp(min=0.0) / (alpha2 + 0.25 * (1.0 - alpha2) * chord2) ** 2
@@ -108,9 +102,7 @@ def prefiltered_lobe(cells: Cells, centre: Tensor, alpha: Tensor) -> Tensor:
 
 
 def mixture(cells: Cells, parameters: Tensor) -> Tensor:
-    """Return the mixture (C, S, M) of parameters (C, S, 6): two bends, two factors on the roughness, two
-    shares.
-    """
+    """Return the mixture (C, S, M) of parameters (C, S, 6): bends, factors on the roughness, shares."""
     normal = torch.tensor([0.0, 0.0, 1.0])
     bend, factor, share = parameters.split(2, dim=-1)
     total = (1.0 - share.sum(-1, keepdim=True)) * cells.light[..., 2].clamp(min=0.0) / math.pi
@@ -123,17 +115,13 @@ def mixture(cells: Cells, parameters: Tensor) -> Tensor:
 
 
 def parameters_of(table: Tensor) -> Tensor:
-    """Return the parameters (..., 6) of what is optimised: two bends, two log(alpha / r^2), logits of the
-    shares.
-    """
+    """Return the parameters (..., 6) of what is optimised: bends, log(alpha / r^2), logits of the shares."""
     share = torch.nn.functional.pad(table[..., 4:], (0, 1)).softmax(-1)
     return torch.cat([table[..., :2], (0.5 * table[..., 2:4]).exp(), share[..., :2]], dim=-1)
 
 
 def first_guess(cells: Cells) -> Tensor:
-    """Return a table (C, S, 6): bent towards the normal with roughness, narrowed by the foreshortening of
-    alpha.
-    """
+    """Return a table (C, S, 6): bent towards the normal with roughness, narrowed by foreshortening."""
     r, c = torch.broadcast_tensors(cells.roughness, cells.cosine)
     bend, apart, narrow, likely = (
         1.0 - 0.35 * r**2,
@@ -214,9 +202,7 @@ def fit(cells: Cells, lamp: Tensor, goals: list[Goal]) -> tuple[Tensor, Tensor]:
 
 
 def main() -> None:
-    """Fit, print the errors, write the table (F0, roughness, cosine, 6): bends, factors on the roughness,
-    shares.
-    """
+    """Fit, print the errors, write the table (F0, roughness, cosine, 6): bends, factors, shares."""
     cells = make_cells()
     lamp = lamps(cells)
     goals = make_goals(cells, lamp)

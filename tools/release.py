@@ -56,9 +56,7 @@ def obstacles(root: Path = ROOT) -> Iterator[str]:
 
 
 def tag(root: Path = ROOT) -> str:
-    """Tag the commit at hand with the version, with its section of the changelog as message; return the tag's
-    name.
-    """
+    """Tag the commit with the version, the changelog's section as message; return the tag's name."""
     version = version_of(root)
     text = f"lightprobe {version}\n\n{notes((root / 'CHANGELOG.md').read_text(), version)}\n"
     _git(root, "tag", "--annotate", f"v{version}", "--cleanup=verbatim", "--message", text)

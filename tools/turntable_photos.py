@@ -1,7 +1,4 @@
-"""Render photos of an object that is turned before a background that stays: what misleads structure from
-motion.
-
-    python tools/turntable_photos.py OUT --photos 40 --side 640
+"""Photos of an object that is turned before a background that stays, which misleads structure from motion.
 
 A lumpy solid, painted with patches, under another light in every photo: soft light from one side, a warm
 lamp, some gloss. The background is one textured picture, as bright as each photo's light: from a tripod it is
@@ -10,7 +7,6 @@ OUT/true_cameras.json: frames of `camera_to_world` (OpenGL axes, z up, the objec
 cx, cy, width and height.
 """
 
-import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -50,9 +46,8 @@ def render(count: int, side: int, *, focal: float = 1.5, arc: float = 360.0, see
     cameras = [_camera(np.deg2rad(arc) * i / count, focal * side, side) for i in range(count)]
     photos = []
     for index, camera in enumerate(cameras):
-        color, alpha = _object(
-            camera, vertices, faces, paint, colors, np.random.default_rng(1000 * seed + index)
-        )
+        light = np.random.default_rng(1000 * seed + index)
+        color, alpha = _object(camera, vertices, faces, paint, colors, light)
         level = color[alpha > 0.5].mean()
         composed = color + np.clip(1.5 * level * back, 0, 1) * (1 - alpha[..., None])
         photos.append(Rendered(np.clip(composed * 0.4 / level, 0, 1).astype(np.float32), alpha, camera))
@@ -87,18 +82,14 @@ def _object(
     colors: np.ndarray,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the premultiplied linear colour (H, W, 3) and coverage (H, W) of the object under a light of its
-    own.
-    """
+    """Return premultiplied linear colour (H, W, 3) and coverage (H, W) of the object under a new light."""
     fine = camera.resized(_OVERSAMPLING * camera.width, _OVERSAMPLING * camera.height)
     screen = torch.from_numpy(fine.project(vertices).astype(np.float32))
     face = rasterize(screen, torch.from_numpy(faces.astype(np.int32)), fine.height, fine.width).face.numpy()
     rows, columns = np.nonzero(face >= 0)
     corners = vertices[faces[face[rows, columns]]]
-    rays = np.stack(
-        [(columns + 0.5 - fine.cx) / fine.fx, -(rows + 0.5 - fine.cy) / fine.fy, -np.ones(len(rows))], 1
-    )
-    rays = rays @ fine.camera_to_world[:3, :3].T
+    x, y = (columns + 0.5 - fine.cx) / fine.fx, -(rows + 0.5 - fine.cy) / fine.fy
+    rays = np.stack([x, y, -np.ones(len(rows))], 1) @ fine.camera_to_world[:3, :3].T
     flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     flat /= np.linalg.norm(flat, axis=1, keepdims=True)
     along = ((corners[:, 0] - fine.position) * flat).sum(1) / (rays * flat).sum(1)
@@ -115,9 +106,8 @@ def _light(normals: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return irradiance (K, 3): light from everywhere, more from one side, and a lamp of some colour."""
     side, lamp = (direction / np.linalg.norm(direction) for direction in rng.normal(size=(2, 3)))
     soft = 0.35 + 0.25 * (normals @ side)[:, None]
-    return soft * rng.uniform(0.7, 1.3, 3) + 0.7 * np.maximum(normals @ lamp, 0)[:, None] * rng.uniform(
-        0.6, 1.2, 3
-    )
+    lit = 0.7 * np.maximum(normals @ lamp, 0)[:, None]
+    return soft * rng.uniform(0.7, 1.3, 3) + lit * rng.uniform(0.6, 1.2, 3)
 
 
 def _gloss(normals: np.ndarray, view: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -150,23 +140,7 @@ def write(photos: Sequence[Rendered], folder: Path) -> None:
         name = f"p_{index:03d}"
         encoded = np.clip(srgb_encode(photo.color) * 255 + 0.5, 0, 255).astype(np.uint8)
         Image.fromarray(encoded).save(folder / "images" / f"{name}.jpg", quality=95)
-        write_png(
-            folder / "true_masks" / f"{name}.png", np.repeat(photo.alpha[..., None], 3, axis=2), srgb=False
-        )
+        mask = np.repeat(photo.alpha[..., None], 3, axis=2)
+        write_png(folder / "true_masks" / f"{name}.png", mask, srgb=False)
         frames[name] = photo.camera.to_json()
     write_json(folder / "true_cameras.json", frames)
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Render and write what the arguments ask for."""
-    parser = argparse.ArgumentParser(description="Render an object that is turned before a still background.")
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--photos", type=int, default=40)
-    parser.add_argument("--side", type=int, default=640)
-    given = parser.parse_args(arguments)
-    write(render(given.photos, given.side), given.out)
-    return 0
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

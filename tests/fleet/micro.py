@@ -1,5 +1,5 @@
 """Settings that train a scene in a few steps: what a fleet does with it does not depend on how good it gets."""
 
-from measure_fleet import FEW_STEPS as OPTIONS
+from benchmarks.fleet import FEW_STEPS as OPTIONS
 
 __all__ = ["OPTIONS"]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from benchmarks.prepare import compare, mask_overlaps, written_cameras
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.imaging import read_mask, write_png

@@ -11,8 +11,7 @@ import pytest
 from lightprobe.core.files import write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.report.pictures import PICTURE_NOTES, data_uri
-from lightprobe.report.report import Report
-from lightprobe.report.stored import store_report
+from lightprobe.report.report import Report, store_report
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="needs the browser Chromium")

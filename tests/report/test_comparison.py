@@ -22,8 +22,8 @@ def test_differences_are_of_the_photos_that_both_have():
     assert found.photos == ["a", "b", "c"]
     difference = found.differences()["psnr_masked"]
     assert (difference.first, difference.second, difference.photos) == (25.0, 27.0, 3)
-    assert difference.value == 2.0
-    assert difference.margin == pytest.approx(
+    assert difference.difference == 2.0
+    assert difference.interval == pytest.approx(
         4.303 * 1 / 3**0.5, rel=1e-3
     )  # paired: t of two degrees of freedom
     assert found.to_json()["methods"][0]["scores"]["psnr_masked"]["difference"] == 2.0
@@ -39,7 +39,7 @@ def test_clear_differences_have_a_colour_and_others_none():
 def test_default_methods_are_compared_though_they_differ():
     found = compared({"a": 21.0, "b": 31.0, "c": 26.0}, method="constant")
     assert found.methods() == [("solve", "constant")]
-    assert found.differences()["psnr_masked"].value == 1.0
+    assert found.differences()["psnr_masked"].difference == 1.0
     assert "<h3>solve against constant</h3>" in comparison_page(found)
 
 

@@ -78,7 +78,7 @@ def test_doubts_and_photos_that_are_not_scored_are_told(tmp_path):
     }
     text = page(tmp_path, metrics=METRICS | {"verdicts": verdicts, "skipped": {"c": "c.png is gone."}})
     assert "Doubtful: 1 of 2 photos." in text
-    assert "<li><b>&lt;a&gt;</b>: The mask is another&#x27;s.</li>" in text
+    assert "<li><b>&lt;a&gt;</b>: The mask is another&#39;s.</li>" in text
     assert "<li><b>c</b>: c.png is gone.</li>" in text
 
 

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from lightprobe.core.errors import InputError
-from lightprobe.report.report import report_page
-from lightprobe.report.stored import page_record, read_report
+from lightprobe.report.report import page_record, read_report, report_page
 from tests.report.pages import evaluated_run
 
 

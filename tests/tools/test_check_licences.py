@@ -7,8 +7,7 @@ from pathlib import PurePath
 
 import pytest
 
-import check_licences
-from check_licences import Package, bill, faults, is_allowed, libraries, licence, main, project
+from check_licences import Package, bill, closure, faults, is_allowed, libraries, licence, main, project
 
 
 class Told(Distribution):
@@ -43,19 +42,11 @@ def test_what_packages_say_becomes_spdx(said, expression):
     assert licence("any", Told(Name="any", **said)) == expression
 
 
-@pytest.mark.parametrize(
-    ("expression", "allowed"),
-    [
-        ("MIT", True),
-        ("MIT AND GPL-3.0-only", False),
-        ("GPL-3.0-only OR MIT", True),
-        ("AGPL-3.0-only", False),
-        ("Apache-2.0 WITH LLVM-exception AND MIT", True),
-        ("(MIT)", False),
-    ],
-)
-def test_expressions(expression, allowed):
-    assert is_allowed(expression) is allowed
+def test_an_expression_needs_a_way_of_allowed_licences():
+    for expression in ("MIT", "GPL-3.0-only OR MIT", "Apache-2.0 WITH LLVM-exception AND MIT"):
+        assert is_allowed(expression)
+    for expression in ("MIT AND GPL-3.0-only", "AGPL-3.0-only", "(MIT)"):
+        assert not is_allowed(expression)
 
 
 def test_each_fault_is_a_sentence():
@@ -107,7 +98,5 @@ def test_what_this_project_needs_is_allowed(tmp_path, capsys):
     assert {"torch", "numpy", "fastapi", "pytest"} <= names
 
 
-def test_a_missing_package_is_named(monkeypatch, capsys):
-    monkeypatch.setattr(check_licences, "project", lambda: (["no-such-package-here"], set()))
-    assert main([]) == 1
-    assert "no-such-package-here is not installed" in capsys.readouterr().out
+def test_a_missing_package_is_named():
+    assert closure(["no-such-package-here"]) == ([], ["no-such-package-here"])

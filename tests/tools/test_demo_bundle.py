@@ -1,7 +1,6 @@
 """The scene that is shipped: complete, small, and true to its README."""
 
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +8,7 @@ import pytest
 
 import demo_scene
 import lightprobe
-from demo_scene.check import correlation, direct_light, free_pixels
-from demo_scene.files import read_exr, read_obj, read_png, srgb_decode, write_obj
+from demo_scene.files import read_exr, read_obj, read_png, srgb_decode
 from demo_scene.lights import LARGEST, PHOTOGRAPHED, photographed_light
 
 ROOT = Path(lightprobe.__path__[0]) / "assets" / "demo"
@@ -52,8 +50,8 @@ def test_every_test_light_is_a_photographed_one():
 
 
 def test_its_readme_is_the_generators():
-    template = (Path(demo_scene.__path__[0]) / "scene_readme.md").read_text()
-    assert (ROOT / "README.md").read_text().splitlines()[-40:] == template.splitlines()[-40:]
+    template = Path(demo_scene.__path__[0]) / "scene_readme.md"
+    assert (ROOT / "README.md").read_text() == template.read_text()
 
 
 def test_readmes_name_the_photographed_lights_and_their_licence():
@@ -107,34 +105,3 @@ def test_photos_are_their_linear_renders_clipped():
             solid = linear[..., 3] > 0.999
             expected = np.clip(linear[solid][:, :3], 0, 1)
             np.testing.assert_allclose(srgb_decode(photo[solid][:, :3]), expected, atol=0.01)
-
-
-@pytest.mark.slow
-def test_direct_light_over_the_environment_is_the_render():
-    rng = np.random.default_rng(1)
-    rendered, predicted, mirrored = [], [], []
-    for frame in SPLITS["test"]["frames"][:5]:
-        samples = free_pixels(ROOT, SPLITS["test"], frame, 4, rng, rays=300)
-        environment = read_exr(ROOT / frame["env_path"], "RGB")
-        rendered.append(samples.rendered)
-        predicted.append(direct_light(samples, environment))
-        mirrored.append(direct_light(samples, environment, mirrored=True))
-    truth, right, wrong = (np.concatenate(values) for values in (rendered, predicted, mirrored))
-    assert correlation(right, truth) > 0.99
-    assert np.median(right / truth) == pytest.approx(1.0, abs=0.02)
-    assert correlation(wrong, truth) < 0.9
-
-
-def test_a_photo_whose_pixels_all_see_the_object_gives_no_samples(tmp_path):
-    vertices, faces = read_obj(ROOT / "mesh.obj")
-    box = 20.0 * np.array(
-        [[-1, -1, -1], [1, -1, -1], [0, 1, -1], [0, 0, 1]]
-    )  # a tetrahedron around everything
-    around = np.array([[0, 1, 2], [0, 1, 3], [1, 2, 3], [2, 0, 3]]) + len(vertices)
-    write_obj(tmp_path / "mesh.obj", np.concatenate([vertices, box]), np.concatenate([faces, around]))
-    shutil.copytree(ROOT / "test", tmp_path / "test")
-    samples = free_pixels(
-        tmp_path, SPLITS["test"], SPLITS["test"]["frames"][0], 1, np.random.default_rng(0), rays=50
-    )
-    assert len(samples.rendered) == 0
-    assert samples.view.shape == (0, 3)

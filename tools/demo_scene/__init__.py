@@ -1,3 +1,1 @@
-"""The bundled scene: a painted coffee pot under lights of our own making, rendered by an independent path
-tracer.
-"""
+"""The bundled scene: a painted coffee pot under computed lights, rendered by an independent path tracer."""

@@ -30,9 +30,7 @@ def round_half(value: np.ndarray, largest: float, bits: int = 8) -> np.ndarray:
 
 
 def write_png(path: Path, values: np.ndarray) -> None:
-    """Write values in [0, 1], (H, W, 3 or 4), as they are, to 8 bits, as small as lossless compression makes
-    it.
-    """
+    """Write values in [0, 1], (H, W, 3 or 4), as they are, to 8 bits, compressed as far as it goes."""
     path.parent.mkdir(exist_ok=True)
     image = Image.fromarray((np.clip(values, 0, 1) * 255.0 + 0.5).astype(np.uint8))
     image.save(path, optimize=True)

@@ -96,9 +96,7 @@ def make_light(kind: Kind, seed: int, index: int) -> Light:
 
 
 def photographed_light(name: str, seed: int, index: int) -> Light:
-    """Return a photographed environment, `name` one of `PHOTOGRAPHED`, at a turn drawn from `seed` and
-    `index`.
-    """
+    """Return an environment of `PHOTOGRAPHED` at a turn drawn from `seed` and `index`."""
     radiance = read_exr(Path(__file__).with_name("hdri") / f"{name}.exr", "RGB")
     turn = int(np.random.default_rng([seed, len(Kind), index]).integers(2 * HEIGHT))
     # A photograph's noise does not compress; a light rounded to 1.6 % is as real, and the scene stays small.

@@ -1,6 +1,4 @@
-"""Smooth random functions of the plane, periodic in x where asked, and the ramps both textures and lights
-use.
-"""
+"""Smooth random functions of the plane, periodic in x, and the ramps that textures and lights use."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,9 +33,7 @@ def value_noise(x: np.ndarray, y: np.ndarray, seed: int, period: int = _LATTICE)
 def fractal_noise(
     x: np.ndarray, y: np.ndarray, seed: int, period: int = _LATTICE, octaves: int = 4
 ) -> np.ndarray:
-    """Return the normalised sum of octaves of `value_noise`, each twice as fine and half as strong as the
-    last.
-    """
+    """Return the normalised sum of octaves of `value_noise`, each twice as fine and half as strong."""
     total, weight = np.zeros(np.broadcast(x, y).shape), 0.0
     for octave in range(octaves):
         scale = 2**octave

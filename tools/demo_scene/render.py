@@ -15,8 +15,7 @@ import numpy as np
 from lightprobe.render.gltf_bsdf import VARIANT
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, MAX_DEPTH, bitmap, environment_rows, tamed
 
-from .models import Model
-from .textures import atlas_uv
+from .textures import Model, atlas_uv
 
 mi.set_variant(VARIANT)
 
@@ -31,9 +30,7 @@ class View:
     angle: float
 
     def rays(self, side: int, offset: tuple[float, float]) -> np.ndarray:
-        """Return unit world directions (side * side, 3) through `offset` in [0, 1)^2 of every pixel, row by
-        row.
-        """
+        """Return unit world directions (side * side, 3) through `offset` in [0, 1)^2 of every pixel."""
         focal = 0.5 * side / np.tan(0.5 * self.angle)
         x, y = np.meshgrid(np.arange(side) + offset[0] - side / 2, np.arange(side) + offset[1] - side / 2)
         local = np.stack([x / focal, -y / focal, -np.ones_like(x)], axis=-1).reshape(-1, 3)
@@ -52,11 +49,9 @@ class Maps:
 
 
 def _shape(model: Model) -> mi.Mesh:
-    """All parts as one mesh with the atlas coordinates; Mitsuba counts v down the rows of a bitmap made in
-    memory.
-    """
+    """All parts as one mesh with atlas coordinates; Mitsuba counts v down the rows of a bitmap in memory."""
     parts = model.parts
-    uv = np.concatenate([atlas_uv(model.tiles[part.name], part.uv) for part in parts])
+    uv = np.concatenate([atlas_uv(part) for part in parts])
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
     mesh = mi.Mesh("object", int(offsets[-1]), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)

@@ -61,9 +61,7 @@ class Hit:
 
 
 def _enter(d: np.ndarray, box: Box) -> tuple[np.ndarray, np.ndarray]:
-    """Intersect rays from the origin with a box: entry distance (inf where missed) and the axis it is entered
-    along.
-    """
+    """Return where rays from the origin enter a box, inf where they miss it, and along which axis."""
     with np.errstate(divide="ignore", invalid="ignore"):
         a, b = box.low / d, box.high / d
     near, far = np.minimum(a, b), np.maximum(a, b)

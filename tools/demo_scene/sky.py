@@ -18,9 +18,8 @@ _GROUNDS = np.array(
         [0.10, 0.15, 0.06],
     ]
 )
-_SUN_RADIUS = np.radians(
-    1.3
-)  # larger than the true 0.27 degrees, and dimmer by as much: it must fill a texel
+# larger than the true 0.27 degrees, and dimmer by as much: it must fill a texel
+_SUN_RADIUS = np.radians(1.3)
 
 
 def unit(azimuth: float, elevation: float) -> np.ndarray:
@@ -127,9 +126,8 @@ def outdoors(d: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     falling = diffuse + sunlight * max(np.sin(elevation), 0) * (1 - cover)
     radiance = mix(_ground(d, rng) * falling / np.pi, sky, smoothstep(-0.01, 0.01, d[..., 2]))
     mask, reflectance = _skyline(d, rng)
-    facing = np.clip(-d[..., :2] @ sun[:2], 0, 1)[
-        ..., None
-    ]  # what stands opposite the sun shows its lit side
+    # what stands opposite the sun shows its lit side
+    facing = np.clip(-d[..., :2] @ sun[:2], 0, 1)[..., None]
     return mix(radiance, reflectance * (0.5 * diffuse + sunlight * (1 - cover) * facing) / np.pi, mask)
 
 

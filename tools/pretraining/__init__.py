@@ -1,3 +1,1 @@
-"""Objects that nobody made, to teach what photos of objects have in common: random solids of random
-materials.
-"""
+"""Random solids of random materials, to teach what photos of objects have in common."""

@@ -1,6 +1,4 @@
-"""Views of random solids, and lessons from them under generated lights; a number gives the same ones
-everywhere.
-"""
+"""Views of random solids, and lessons from them under generated lights; the same for the same number."""
 
 import math
 from collections.abc import Iterator

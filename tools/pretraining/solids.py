@@ -66,9 +66,7 @@ def _distance(p: Tensor, draw: Draw) -> Tensor:
 
 
 def _primitive(p: Tensor, draw: Draw) -> Tensor:
-    """Return the distances (N,) to an ellipsoid, a box, a cylinder, a ring or a stick somewhere near the
-    middle.
-    """
+    """Return the distances (N,) to an ellipsoid, box, cylinder, ring or stick near the middle."""
     turn = upright(draw.direction(), draw.uniform(0, 2 * math.pi))
     q = (p - 0.55 * draw.uniform(0, 1) * draw.direction()) @ turn.T
     across = q[:, :2].norm(dim=1)

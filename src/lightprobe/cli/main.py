@@ -26,26 +26,22 @@ COMMANDS = {
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
-    "bench": ("bench", "every scene and method, and the tables"),
     "view": ("viewing", "runs in the browser: object, light, training, masks"),
     "serve": ("serving", "predictions over HTTP for other programs"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
-    "open": ("pages", "show a run's report in the browser"),
-    "compare": ("pages", "two runs on one page: pictures side by side, differences of scores"),
-    "gallery": ("pages", "many runs on one page, with their reports, to put on the web"),
+    "report": ("pages", "a run's report in the browser; two runs compared; many as a gallery"),
     "fleet train": ("fleet", "a run for every scene of a folder, on many machines"),
     "fleet predict": ("fleet", "maps of all photos that a Parquet file lists, on many machines"),
 }
 # first word of commands of two words -> what these do together, and their second words
 GROUPS = {"fleet": ("Scenes and photos as tasks of a Ray cluster", ("train", "predict"))}
 # command -> its function, where Python or a module has another use for the name
-_FUNCTIONS = {"open": "open_report", "fleet train": "fleet_train", "fleet predict": "fleet_predict"}
+_FUNCTIONS = {"fleet train": "fleet_train", "fleet predict": "fleet_predict"}
 _RESUMED = (
     "demo",
     "fit",
     "distill",
     "train",
-    "bench",
     "fleet train",
     "fleet predict",
 )  # go on where they stopped

@@ -1,6 +1,4 @@
-"""Numbers in, pages out: the report of an evaluation, a benchmark's records and their tables, and how each
-was made.
-"""
+"""Numbers in, pages out: the report of an evaluation, two runs beside each other, and many as a gallery."""
 
 from lightprobe.report.pictures import view_pictures
 from lightprobe.report.report import Report, evenly_spaced, write_report

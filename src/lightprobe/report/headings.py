@@ -25,6 +25,10 @@ class Heading:
         """Return a value as tables show it."""
         return f"{value:.{self.decimals}f}"
 
+    def signed(self, value: float) -> str:
+        """Return a difference as tables show it."""
+        return f"{value:+.{self.decimals}f}"
+
 
 Headings = dict[str, Heading]  # key in metrics.json -> heading
 

@@ -1,6 +1,4 @@
-"""Pages about runs that were evaluated before: the report of one, two against each other, and many as a
-gallery.
-"""
+"""Pages about runs that were evaluated before: the report of one, two against each other, and many as a gallery."""
 
 import warnings
 from collections.abc import Sequence
@@ -12,8 +10,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.report import write_report
 from lightprobe.report.comparison import Comparison, comparison_page
 from lightprobe.report.gallery import GALLERY, gallery_page
-from lightprobe.report.report import Report
-from lightprobe.report.stored import read_report
+from lightprobe.report.report import Report, read_report
 
 
 def report_of(run_folder: Path | str) -> Path:
@@ -34,11 +31,11 @@ def compare_runs(run_folder: Path | str, other_folder: Path | str, page: Path) -
     """
     if page.suffix.lower() != ".html":
         raise ConfigError(f"Cannot write the page as '{page.name}': name it .html.")
-    names = _names([Path(run_folder), Path(other_folder)])
-    runs = [RunFolder.open(Path(folder)) for folder in (run_folder, other_folder)]
+    folders = [Path(run_folder), Path(other_folder)]
+    runs = [RunFolder.open(folder) for folder in folders]
     refuse_replacing([page], [run.report_file for run in runs])
-    first, second = (read_report(run) for run in runs)
-    found = Comparison((names[0], names[1]), (first, second))
+    (first, second), (name, other) = [read_report(run) for run in runs], _names(folders)
+    found = Comparison((name, other), (first, second))
     known, others = (_test_photos(run) for run in runs)
     unlike = [
         name for name in found.photos if name in known and name in others and known[name] != others[name]
@@ -63,17 +60,16 @@ def _test_photos(run: RunFolder) -> dict[str, str]:
 
 
 def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, Report]:
-    """Write folder/index.html, a card for each run, and folder/NAME/index.html, its report; return them by
-    name.
+    """Write a gallery into a folder and return the runs' reports by name.
 
-    The pages need nothing outside of the folder: the reports' links to the files of the runs are left out.
-    Raises `InputError` for a run that was not evaluated, `ConfigError` for none and for a folder of other
-    files.
+    FOLDER/index.html has a card for each run, FOLDER/NAME/index.html is its report. The pages need nothing outside of
+    the folder: the reports' links to the files of the runs are left out. Raises `InputError` for a run that was not
+    evaluated, `ConfigError` for no run and for a folder of other files.
     """
     if not run_folders:
-        raise ConfigError("No run is named: lightprobe gallery RUN... -o DIR.")
+        raise ConfigError("No run is named: lightprobe report RUN... --gallery FOLDER.")
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(f"{folder} is a file; give a folder for the gallery with -o.")
+        raise ConfigError(f"{folder} is a file; give --gallery a folder.")
     runs = [Path(run) for run in run_folders]
     reports = dict(zip(_names(runs), [read_report(RunFolder.open(run)) for run in runs], strict=True))
     _refuse_folder(folder, runs)
@@ -84,18 +80,14 @@ def write_gallery(run_folders: Sequence[Path | str], folder: Path) -> dict[str, 
 
 
 def _refuse_folder(folder: Path, runs: Sequence[Path]) -> None:
-    """Raise `ConfigError` for a folder whose files the gallery's pages would mix with: those of a run, or
-    others.
-    """
+    """Raise `ConfigError` for a folder of a run, and for one with other files than a gallery's."""
     place = folder.resolve()
     owner = next((run for run in runs if run.resolve() in (place, *place.parents)), None)
     if owner is not None:
-        raise ConfigError(
-            f"{folder} belongs to the run {owner}; give another folder for the gallery with -o."
-        )
+        raise ConfigError(f"{folder} belongs to the run {owner}; give --gallery another folder.")
     page = folder / "index.html"
     if holds_files(folder) and not (page.is_file() and GALLERY in page.read_text(errors="replace")):
-        raise ConfigError(f"{folder} holds other files than a gallery; give another folder with -o.")
+        raise ConfigError(f"{folder} holds other files than a gallery; give --gallery another folder.")
 
 
 def _names(runs: Sequence[Path]) -> list[str]:
