@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks.record import Record
 from lightprobe.core.checkpoint import Checkpoints, load_metadata, load_tensors, save_tensors
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError
@@ -36,7 +37,6 @@ from lightprobe.prediction import Predictor
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.hints import store_hint, stored_hint
 from lightprobe.preparation.output import finished
-from lightprobe.report.records import Record
 from lightprobe.report.stored import read_report
 from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
@@ -44,12 +44,12 @@ from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
 from lightprobe.view.sources import evaluation_of
 from lightprobe.view.watching import newest_record, read_records, stage_lengths
+from tests.benchmarks.records import record
 from tests.fuzz import pictures, requests, servers
 from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form, with_checksums
 from tests.imaging.videos import pan, write_video
 from tests.insertion.glbs import box, png, write
 from tests.report.pages import evaluated_run
-from tests.report.results import record
 from tests.scene.worlds import views, write_colmap, write_nerd, write_nerfstudio
 from tests.service.serving import runs_folder
 from tests.view.finished_run import add_model, finished_run

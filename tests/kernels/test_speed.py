@@ -18,7 +18,7 @@ from lightprobe.kernels import (
     stack_probes,
     weighted_gather,
 )
-from speed import cases
+from benchmarks.speed import cases
 
 
 def run_backward(benchmark, out, wanted):

@@ -5,7 +5,7 @@ import pytest
 from lightprobe.kernels import stack_probes
 from lightprobe.light import cubemap
 from lightprobe.light.culled_stacking import stack_on_cubemap
-from speed import cases
+from benchmarks.speed import cases
 
 
 @pytest.fixture

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import lightprobe
+from benchmarks.provenance import training_costs
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import PredictConfig
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.timings import read_timings
-from lightprobe.report.provenance import training_costs
 from tests.toy_scene import TINY_DISTILL, TINY_WITHOUT_TRIALS, write_toy_scene
 
 

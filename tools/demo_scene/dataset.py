@@ -1,6 +1,7 @@
 """The scene folder: which cameras and lights there are, and the files of every photo."""
 
 import json
+import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -20,8 +21,8 @@ from .lights import (
     photographed_light,
     reduce_area,
 )
-from .models import DESCRIPTIONS, Subject, make_model
 from .render import Studio, View
+from .textures import make_model
 
 ANGLE = 2 * float(
     np.arctan(0.36)
@@ -35,7 +36,6 @@ _RELIGHT_KINDS = (Kind.OUTDOORS, Kind.ROOM)
 class Settings:
     """What a scene is made of; equal settings make equal scenes."""
 
-    object: Subject = Subject.COFFEE_POT
     seed: int = 7
     side: int = 160
     samples: int = 512  # per pixel of a photo
@@ -95,7 +95,7 @@ class Writer:
 
     def __init__(self, root: Path, settings: Settings):
         self.root, self.settings = root, settings
-        self.model = make_model(settings.object, settings.seed)
+        self.model = make_model(settings.seed)
         self.studio = Studio(self.model, HEIGHT)
 
     def expose(self, light: Light, view: View) -> float:
@@ -117,9 +117,8 @@ class Writer:
         image = self.studio.photograph(view, self.settings.side, self.settings.samples, seed)
         alpha = np.clip(image[..., 3:], 0.0, 1.0)
         straight = np.where(alpha > 0, image[..., :3] / np.maximum(alpha, 1e-9), 0.0)
-        write_png(
-            self.root / f"{name}.png", np.concatenate([srgb_encode(straight) * (alpha > 0), alpha], axis=-1)
-        )
+        shown = np.concatenate([srgb_encode(straight) * (alpha > 0), alpha], axis=-1)
+        write_png(self.root / f"{name}.png", shown)
         frame = {
             "file_path": f"./{name}",
             "transform_matrix": view.pose.tolist(),
@@ -214,13 +213,6 @@ def write_relight(writer: Writer, first_light: int) -> None:
     writer.write_frames("relight", frames)
 
 
-def readme(subject: Subject) -> str:
-    """Return what a scene's README says about it."""
-    text = Path(__file__).with_name("scene_readme.md").read_text()
-    description = DESCRIPTIONS[subject]
-    return text.replace("OBJECT", subject.value.replace("-", " ")).replace("DESCRIPTION", description)
-
-
 def write_scene(root: Path, settings: Settings) -> None:
     """Make the whole scene in the folder `root`, which exists."""
     writer = Writer(root, settings)
@@ -229,6 +221,10 @@ def write_scene(root: Path, settings: Settings) -> None:
     write_relight(writer, first_light=2000)
     vertices, faces = visible_faces(writer.studio, writer.model.parts, np.random.default_rng(settings.seed))
     write_obj(root / "mesh.obj", vertices, faces)
-    record = asdict(settings) | {"mitsuba": mi.__version__, "variant": mi.variant(), "key": _KEY}
+    record = (
+        {"object": "coffee-pot"}
+        | asdict(settings)
+        | {"mitsuba": mi.__version__, "variant": mi.variant(), "key": _KEY}
+    )
     (root / "generation.json").write_text(json.dumps(record, indent=1) + "\n")
-    (root / "README.md").write_text(readme(settings.object))
+    shutil.copyfile(Path(__file__).with_name("scene_readme.md"), root / "README.md")

@@ -1,17 +1,14 @@
-"""Surfaces by formula, z up: solids of revolution, tubes swept along curves, rounded boxes; and the coffee
-pot.
+"""Surfaces by formula, z up: solids of revolution and tubes swept along curves; and the coffee pot of these.
 
 Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] along the profile or path by
 arc length. Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-
-Shaper = Callable[[np.ndarray], np.ndarray]  # points (N, 3) to points (N, 3)
 
 
 @dataclass(frozen=True)
@@ -23,9 +20,7 @@ class Part:
     normals: np.ndarray  # (V, 3) float64, unit
     uv: np.ndarray  # (V, 2) float64 in [0, 1]
     faces: np.ndarray  # (F, 3) int64
-    path: (
-        np.ndarray
-    )  # (R, 2) float64: v and place along the part's axis, not normalised; what textures are painted by
+    path: np.ndarray  # (R, 2) float64: v and place along the part's axis, not normalised; for the painters
 
 
 def smooth(points: Sequence[tuple[float, ...]], count: int) -> np.ndarray:
@@ -126,65 +121,6 @@ def sweep(
     grid[:, -1] = grid[:, 0]
     v = arc_length(np.column_stack([path, radii]))
     return grid_part(name, [grid], [v], np.column_stack([v, path[:, 2]]))
-
-
-def rounded_curve(exponent: float, count: int) -> np.ndarray:
-    """Return the closed curve |x|^e + |y|^e = 1 as (count + 1, 2), from (1, 0) over (0, 1), denser where it
-    bends.
-    """
-    angle = np.linspace(0.0, 2 * np.pi, 8001)
-    circle = np.stack([np.cos(angle), np.sin(angle)], 1)
-    fine = np.sign(circle) * np.abs(circle) ** (2 / exponent)
-    along = np.diff(fine, axis=0)
-    bend = np.unwrap(np.arctan2(along[:, 1], along[:, 0]))
-    bend = np.interp(np.arange(8001), np.arange(8000) + 0.5, bend)
-    place = 0.5 * arc_length(fine) + 0.5 * (bend - bend[0]) / (bend[-1] - bend[0])
-    even = np.linspace(0.0, 1.0, count + 1)
-    curve = np.stack([np.interp(even, place, fine[:, k]) for k in (0, 1)], 1)
-    curve[-1] = curve[0]
-    return curve
-
-
-def rounded_box(name: str, exponent: float, counts: tuple[int, int], shape: Shaper) -> Part:
-    """Bend the solid |x|^e + |y|^e + |z|^e ~ 1 into a part; u runs around the x axis, v from -x to +x.
-
-    `counts` are the steps along x and around it; `shape` maps points (N, 3) of [-1, 1]^3 to the modeller's
-    space and has to keep its handedness.
-    """
-    profile = rounded_curve(exponent, 2 * counts[0])[counts[0] :: -1]  # from (-1, 0) over (0, 1) to (1, 0)
-    around = rounded_curve(exponent, counts[1])
-    along = np.broadcast_to(profile[:, None, :1], (len(profile), len(around), 1))
-    grid = np.concatenate([along, np.maximum(profile[:, None, 1:], 0.0) * around[None]], axis=2)
-    grid[[0, -1], :, 1:] = 0.0
-    v = (profile[:, 0] + 1) / 2
-    bent = shape(grid.reshape(-1, 3)).reshape(grid.shape)
-    return grid_part(name, [bent], [v], np.column_stack([v, profile[:, 0]]))
-
-
-def placed(part: Part, rotation: np.ndarray, offset: tuple[float, float, float]) -> Part:
-    """Return the part turned by a rotation (3, 3) and then moved."""
-    return replace(part, vertices=part.vertices @ rotation.T + offset, normals=part.normals @ rotation.T)
-
-
-def turned(axis: str, degrees: float) -> np.ndarray:
-    """Return the rotation (3, 3) about a coordinate axis, counter-clockwise seen from its tip."""
-    cos, sin = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    i, j = {"x": (1, 2), "y": (2, 0), "z": (0, 1)}[axis]
-    rotation = np.eye(3)
-    rotation[i, i], rotation[i, j], rotation[j, i], rotation[j, j] = cos, -sin, sin, cos
-    return rotation
-
-
-def joined(copies: list[Part]) -> Part:
-    """Return copies of one part, made by `placed`, as one part whose copies share its texture square."""
-    offsets = np.cumsum([0] + [len(part.vertices) for part in copies])
-    return replace(
-        copies[0],
-        vertices=np.concatenate([part.vertices for part in copies]),
-        normals=np.concatenate([part.normals for part in copies]),
-        uv=np.concatenate([part.uv for part in copies]),
-        faces=np.concatenate([part.faces + start for part, start in zip(copies, offsets, strict=False)]),
-    )
 
 
 def _body() -> Part:

@@ -15,8 +15,7 @@ import numpy as np
 from lightprobe.render.gltf_bsdf import VARIANT
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, MAX_DEPTH, bitmap, environment_rows, tamed
 
-from .models import Model
-from .textures import atlas_uv
+from .textures import Model, atlas_uv
 
 mi.set_variant(VARIANT)
 
@@ -56,7 +55,7 @@ def _shape(model: Model) -> mi.Mesh:
     memory.
     """
     parts = model.parts
-    uv = np.concatenate([atlas_uv(model.tiles[part.name], part.uv) for part in parts])
+    uv = np.concatenate([atlas_uv(part) for part in parts])
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
     mesh = mi.Mesh("object", int(offsets[-1]), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)

@@ -10,13 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .geometry import Part
+from .geometry import Part, coffee_pot
 from .noise import fractal_noise, mix, smoothstep, value_noise
 
 ATLAS = 1024
 _MARGIN = 2  # texels around each tile that carry its pattern on, for the bilinear look-up at seams
-Tiles = dict[str, tuple[int, int, int, int]]  # row, column, rows, columns of each part's tile
-POT_TILES: Tiles = {
+TILES = {
     "body": (0, 0, 512, 1024),
     "lid": (512, 0, 256, 512),
     "spout": (512, 512, 256, 512),
@@ -61,11 +60,6 @@ class Material:
             other.roughness + (self.roughness - other.roughness) * mask,
             other.metallic + (self.metallic - other.metallic) * mask,
         )
-
-
-Painters = dict[
-    str, Callable[[Canvas, int], Material]
-]  # what each part is painted by, from its canvas and a seed
 
 
 def brass(c: Canvas, seed: int) -> Material:
@@ -210,7 +204,7 @@ def paint_handle(c: Canvas, seed: int) -> Material:
     return brass(c, seed + 3).over(wood, metal)
 
 
-POT_PAINTERS: Painters = {
+_PAINTERS: dict[str, Callable[[Canvas, int], Material]] = {
     "body": paint_body,
     "lid": paint_lid,
     "spout": paint_spout,
@@ -220,38 +214,38 @@ POT_PAINTERS: Painters = {
 }
 
 
-def equal_tiles(parts: list[Part]) -> Tiles:
-    """Return tiles of 256 x 512 texels for up to eight parts."""
-    return {part.name: (256 * (k // 2), 512 * (k % 2), 256, 512) for k, part in enumerate(parts)}
-
-
-def atlas_uv(tile: tuple[int, int, int, int], uv: np.ndarray) -> np.ndarray:
-    """Move a part's own (u, v), (V, 2), to atlas coordinates in [0, 1] with v down the rows of the array."""
-    row, column, rows, columns = tile
-    x = column + _MARGIN + uv[:, 0] * (columns - 2 * _MARGIN)
-    y = row + _MARGIN + uv[:, 1] * (rows - 2 * _MARGIN)
+def atlas_uv(part: Part) -> np.ndarray:
+    """Return a part's atlas coordinates (V, 2) in [0, 1] with v down the rows of the array."""
+    row, column, rows, columns = TILES[part.name]
+    x = column + _MARGIN + part.uv[:, 0] * (columns - 2 * _MARGIN)
+    y = row + _MARGIN + part.uv[:, 1] * (rows - 2 * _MARGIN)
     return np.stack([x, y], axis=1) / ATLAS
 
 
-def canvas(part: Part, tile: tuple[int, int, int, int]) -> Canvas:
+def canvas(part: Part) -> Canvas:
     """Return the texel positions of a part's tile."""
-    _, _, rows, columns = tile
+    _, _, rows, columns = TILES[part.name]
     u = (np.arange(columns) + 0.5 - _MARGIN) / (columns - 2 * _MARGIN)
     v = (np.arange(rows) + 0.5 - _MARGIN) / (rows - 2 * _MARGIN)
     u, v = np.meshgrid(u, v)
     return Canvas(u, v, np.interp(v, part.path[:, 0], part.path[:, 1]))
 
 
-def paint(parts: list[Part], tiles: Tiles, painters: Painters, seed: int) -> Material:
-    """Return the atlas of a whole object: base colour (1024, 1024, 3), roughness and metallic (1024, 1024)."""
-    base, roughness, metallic = (
-        np.full((ATLAS, ATLAS, 3), 0.5),
-        np.ones((ATLAS, ATLAS)),
-        np.zeros((ATLAS, ATLAS)),
-    )
+@dataclass(frozen=True)
+class Model:
+    """An object ready to be photographed: its parts, and the atlas of all."""
+
+    parts: list[Part]
+    material: Material  # base colour (1024, 1024, 3), roughness and metallic (1024, 1024)
+
+
+def make_model(seed: int) -> Model:
+    """Return the coffee pot, its textures drawn from `seed`."""
+    parts, size = coffee_pot(), (ATLAS, ATLAS)
+    base, roughness, metallic = np.full((*size, 3), 0.5), np.ones(size), np.zeros(size)
     for index, part in enumerate(parts):
-        row, column, rows, columns = tiles[part.name]
+        row, column, rows, columns = TILES[part.name]
         tile = np.s_[row : row + rows, column : column + columns]
-        painted = painters[part.name](canvas(part, tiles[part.name]), seed + 1000 * index)
+        painted = _PAINTERS[part.name](canvas(part), seed + 1000 * index)
         base[tile], roughness[tile], metallic[tile] = painted.base, painted.roughness, painted.metallic
-    return Material(np.clip(base, 0.0, 1.0), np.clip(roughness, 0.06, 1.0), np.clip(metallic, 0.0, 1.0))
+    return Model(parts, Material(np.clip(base, 0, 1), np.clip(roughness, 0.06, 1), np.clip(metallic, 0, 1)))

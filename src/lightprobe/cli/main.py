@@ -27,7 +27,6 @@ COMMANDS = {
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),
     "calibrate": ("calibrating", "true brightness, by a known light, albedo or meter reading in one photo"),
-    "bench": ("bench", "every scene and method, and the tables"),
     "view": ("viewing", "runs in the browser: object, light, training, masks"),
     "serve": ("serving", "predictions over HTTP for other programs"),
     "export": ("using", "mesh.glb, textures and environment maps for other programs"),
@@ -47,7 +46,6 @@ _RESUMED = (
     "fit",
     "distill",
     "train",
-    "bench",
     "fleet train",
     "fleet predict",
 )  # go on where they stopped

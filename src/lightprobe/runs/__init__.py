@@ -10,7 +10,6 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from lightprobe.runs.bench import BenchOptions, run_bench, write_pages
     from lightprobe.runs.calibration import (
         Point,
         calibrate_by_albedo,
@@ -30,7 +29,6 @@ if TYPE_CHECKING:
     from lightprobe.runs.videos import predict_video, predict_video_light
 
 __all__ = [
-    "BenchOptions",
     "EvaluatedRun",
     "EvaluationOptions",
     "InsertedObject",
@@ -56,14 +54,11 @@ __all__ = [
     "relight_run",
     "render_run",
     "reset_calibration",
-    "run_bench",
     "train_run",
     "write_gallery",
-    "write_pages",
 ]
 
 _HOME = {
-    "BenchOptions": "bench",
     "EvaluatedRun": "evaluation",
     "EvaluationOptions": "evaluation",
     "InsertedObject": "insertion",
@@ -89,10 +84,8 @@ _HOME = {
     "relight_run": "outputs",
     "render_run": "outputs",
     "reset_calibration": "calibration",
-    "run_bench": "bench",
     "train_run": "training",
     "write_gallery": "pages",
-    "write_pages": "bench",
 }
 
 

@@ -29,7 +29,7 @@ from lightprobe.scene.record import read_record, scene_record
 
 _SMALLEST_LOCATED = 64  # pixels: smaller photos have no features; views of such objects are made if asked for
 MAP_RESOLUTION = 32  # texels along each cubemap edge of the maps of --hdri
-TRAINED = "bench.json"  # in a run of `lightprobe bench`: the commit that trained it
+TRAINED = "bench.json"  # in a run of the benchmark: the commit that trained it
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,137 @@
+"""Generated objects as the product knows them, and the camera that looks at two of them on the ground."""
+
+import io
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+from PIL import Image
+
+from demo_scene.geometry import Part, weld
+from demo_scene.textures import Model, atlas_uv
+from lightprobe.export.glb import GltfPictures, encode_glb
+from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
+from lightprobe.geometry.mesh import Mesh
+from lightprobe.imaging import resize_area, srgb_encode
+from lightprobe.light.environment import Environment
+from lightprobe.material.textures import Textures
+from lightprobe.models import Decomposition
+from lightprobe.render.asset import Asset, textured_visibility
+from lightprobe.scene.camera import Camera, Similarity
+
+_TEXTURE = 1024  # texels of the known object's textures
+_ANGLE = 0.72  # horizontal field of view
+_DISTANCE, _ELEVATION = 4.6, 0.42
+
+
+@dataclass(frozen=True)
+class Case:
+    """One scene."""
+
+    name: str
+    light: str  # a photographed environment of the demo's
+    turn: int  # columns it is rolled by
+    azimuth: float  # of the camera
+    scale: float  # the second pot's height relative to the first one's
+
+
+CASES = (
+    Case("hills", "immenstadter_horn", 20, 0.6, 0.35),
+    Case("studio", "brown_photostudio_06", 75, 2.4, 0.8),
+    Case("hall", "dancing_hall", 40, 4.4, 0.5),
+)
+
+
+def true_decomposition(model: Model) -> Decomposition:
+    """Return the object as if reconstructed without an error; its frame is the normalised one."""
+    vertices, faces, uvs, uv_faces = _corners(model)
+    points, welded = weld(vertices, faces)
+    if len(welded) != len(faces):  # texture corners belong to faces, none of which may be lost
+        points, index = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
+        welded = index.reshape(-1)[faces]
+    # A part's own vertices, split along its creases, keep its normals apart.
+    creases = np.unique(
+        np.round(np.concatenate([vertices, _normals(model)], 1), 4), axis=0, return_inverse=True
+    )[1]
+    mesh = Mesh(
+        torch.from_numpy(points).float(),
+        torch.from_numpy(welded.astype(np.int32)),
+        torch.from_numpy(uvs).float(),
+        torch.from_numpy(uv_faces.astype(np.int32)),
+        torch.from_numpy(creases.reshape(-1)[faces].astype(np.int32)),
+    )
+    material = model.material
+    base, rough, metal = (
+        torch.from_numpy(resize_area(plane.astype(np.float32), _TEXTURE, _TEXTURE))
+        for plane in (material.base, material.roughness, material.metallic)
+    )
+    flat = torch.zeros(_TEXTURE, _TEXTURE, 3)
+    flat[..., 2] = 1
+    textures = Textures(base, rough, metal, flat)
+    asset = Asset(mesh, textures, textured_visibility(mesh, textures.flat()))
+    return Decomposition(asset, {"none": Environment(torch.ones(6, 8, 8, 3))}, Similarity(np.zeros(3), 1.0))
+
+
+def glb(model: Model) -> bytes:
+    """Return the object as a GLB file."""
+    vertices, faces, uvs, _ = _corners(model)
+    normals = _normals(model)
+    tangent = np.concatenate([np.cross(normals, np.roll(normals, 1, 1)), np.ones((len(normals), 1))], 1)
+    mesh = GltfMesh(
+        to_y_up(vertices).astype(np.float32),
+        to_y_up(normals).astype(np.float32),
+        tangent.astype(np.float32),
+        uvs.astype(np.float32),
+        faces.astype(np.uint32),
+    )
+    material = model.material
+    orm = np.stack([np.ones_like(material.roughness), material.roughness, material.metallic], -1)
+    bump = np.full((4, 4, 3), [0.5, 0.5, 1.0])
+    return encode_glb(mesh, GltfPictures(_png(srgb_encode(material.base)), _png(orm), _png(bump)))
+
+
+def camera_of(case: Case, side: int, ground: float) -> Camera:
+    """Return the camera of a scene's photo, which looks at the known object from above."""
+    direction = np.array(
+        [
+            np.cos(case.azimuth) * np.cos(_ELEVATION),
+            np.sin(case.azimuth) * np.cos(_ELEVATION),
+            np.sin(_ELEVATION),
+        ]
+    )
+    right = np.array([-direction[1], direction[0], 0.0]) / np.hypot(*direction[:2])
+    pose = np.eye(4)
+    pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(direction, right), direction
+    pose[:3, 3] = _DISTANCE * direction + 0.35 * right + [0, 0, 0.35 * ground]
+    focal = 0.5 * side / np.tan(0.5 * _ANGLE)
+    return Camera(pose, focal, focal, side / 2, side / 2, side, side)
+
+
+def moved(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Model:
+    """Return the object with its points turned and scaled by `matrix` (3, 3) and then moved by `offset` (3,)."""
+    length = np.cbrt(np.linalg.det(matrix))
+
+    def part(one: Part) -> Part:
+        return replace(
+            one, vertices=one.vertices @ matrix.T + offset, normals=one.normals @ matrix.T / length
+        )
+
+    return replace(model, parts=[part(one) for one in model.parts])
+
+
+def _corners(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices (V, 3), faces (F, 3), texture coordinates (V, 2) and their faces (F, 3) of all parts."""
+    offsets = np.cumsum([0] + [len(part.vertices) for part in model.parts])
+    faces = np.concatenate([part.faces + start for part, start in zip(model.parts, offsets, strict=False)])
+    uvs = np.concatenate([atlas_uv(part) for part in model.parts])
+    return np.concatenate([part.vertices for part in model.parts]), faces, uvs, faces
+
+
+def _normals(model: Model) -> np.ndarray:
+    return np.concatenate([part.normals for part in model.parts])
+
+
+def _png(values: np.ndarray) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray((values.clip(0, 1) * 255 + 0.5).astype(np.uint8)).save(buffer, format="PNG")
+    return buffer.getvalue()

@@ -1,1 +1,0 @@
-"""Mutation testing: changed copies of modules, and the tests that notice."""

@@ -1,1 +1,0 @@
-"""The object of a run in other programs, for `compare_renderers`."""
