@@ -1,10 +1,10 @@
 """Make docs/readme.jpg: a photo, the light predicted from it, and the photo with an object inserted.
 
-    python tools/readme_picture.py runs/demo docs/readme.jpg
+    PYTHONPATH=. python tools/readme_picture.py runs/demo docs/readme.jpg
 
 The photo is path-traced: the demo's coffee pot on matt ground in daylight, seen by a camera that no training photo has.
-`lightprobe predict` finds its light, `lightprobe insert` puts a lantern into it. Needs the development extra `mitsuba`
-and an LLVM library newer than 15; takes a minute.
+`lightprobe predict` finds its light, `lightprobe insert` puts a glazed pawn into it. Needs the development extra
+`mitsuba` and an LLVM library newer than 15.
 """
 
 import argparse
@@ -14,45 +14,57 @@ from pathlib import Path
 
 import numpy as np
 import torch
+import trimesh
 from PIL import Image, ImageDraw, ImageFont, ImageOps
+from scipy.ndimage import gaussian_filter1d
+from trimesh.visual.material import PBRMaterial
 
 from lightprobe.cli.main import main as lightprobe
 from lightprobe.evaluation.three_spheres import ThreeSpheres
-from lightprobe.imaging import read_hdr, srgb_encode
+from lightprobe.imaging import read_hdr, srgb_encode, write_png
 from lightprobe.light.display import exposure, tone_mapped
 
 SIDE = 512  # pixels of the photo, and across a panel
 HEIGHT = SIDE // 2 + SIDE // 3  # of a panel: a map above three balls
 CAPTION, GAP = 36, 12  # pixels of the line below a panel, and between panels
-CAPTIONS = (
-    "one photo of a known object",
-    "the light predicted from it",
-    "a lantern inserted under this light",
-)
+CAPTIONS = ("one photo of a known object", "the light predicted from it", "a pawn inserted under this light")
 LIGHT, TURN, AZIMUTH = "immenstadter_horn", 105, 5.6  # columns the map is rolled by; radians of the camera
-PLACE = ("--at", "345,420", "--scale", "0.65")  # of the lantern
+HEIGHTS = (0, 0.08, 0.13, 0.3, 0.6, 0.63, 0.67, 0.7, 1)  # of the pawn's outline below its head
+RADII = (0.3, 0.3, 0.22, 0.13, 0.09, 0.19, 0.19, 0.09, 0)
+PLACE = ("--at", "345,420", "--scale", "0.65")  # of the pawn
 
 
-def make_photo(folder: Path, samples: int) -> np.ndarray:
-    """Write photo.png, its mask.png and camera.json, and object.glb; return the camera's pose (4, 4)."""
-    from demo_scene.files import read_exr, write_png
-    from demo_scene.models import Subject
+def make_photo(folder: Path) -> np.ndarray:
+    """Write photo.png, its mask.png and camera.json into a folder; return the camera's pose (4, 4)."""
+    from benchmarks.insertion_scenes import Case, camera_of
+    from benchmarks.insertion_truth import photograph
     from demo_scene.render import Studio, View
-    from insertion.stills import Case, camera_of, glb, model_of
-    from insertion.truth import photograph
+    from demo_scene.textures import make_model
 
-    pot = model_of(Subject.COFFEE_POT)
+    pot = make_model(0)
     ground = min(float(part.vertices[:, 2].min()) for part in pot.parts)
-    camera = camera_of(Case("readme", Subject.LANTERN, LIGHT, TURN, AZIMUTH, 1.0), SIDE, ground)
-    light = read_exr(Path(__file__).parent / "demo_scene" / "hdri" / f"{LIGHT}.exr", "RGB")
-    photo = photograph(pot, None, np.roll(light, TURN, axis=1), camera, ground, samples)
-    write_png(folder / "photo.png", srgb_encode((photo * (0.4 / np.median(photo))).clip(0, 1)))
+    camera = camera_of(Case("readme", LIGHT, TURN, AZIMUTH, 1.0), SIDE, ground)
+    light = read_hdr(Path(__file__).parent / "demo_scene" / "hdri" / f"{LIGHT}.exr")[..., :3]
+    photo = photograph(pot, None, np.roll(light, TURN, axis=1), camera, ground, samples=512)
+    write_png(folder / "photo.png", photo * (0.4 / np.median(photo)))
     view = View(camera.camera_to_world, 2 * float(np.arctan(0.5 * SIDE / camera.fx)))
     alpha = Studio(pot, len(light)).photograph(view, SIDE, 64, seed=0)[..., 3:]
-    write_png(folder / "mask.png", np.repeat(alpha, 3, axis=2))
+    write_png(folder / "mask.png", np.repeat(alpha, 3, axis=2), srgb=False)
     (folder / "camera.json").write_text(json.dumps(camera.to_json()))
-    (folder / "object.glb").write_bytes(glb(model_of(Subject.LANTERN)))
     return camera.camera_to_world
+
+
+def make_pawn(file: Path) -> None:
+    """Write a pawn of dark red glaze as GLB."""
+    height = np.linspace(0, 1, 200)
+    body = gaussian_filter1d(np.interp(height, HEIGHTS, RADII), 2, mode="nearest")
+    head = np.sqrt(np.clip(0.16**2 - (height - 0.84) ** 2, 0, None))
+    outline = np.stack([np.where(height < 0.72, np.maximum(body, head), head), height], 1)
+    pawn = trimesh.creation.revolve(np.concatenate([[[0, 0]], outline]), sections=96)
+    pawn.apply_transform(trimesh.transformations.rotation_matrix(-np.pi / 2, [1, 0, 0]))  # glTF is y-up
+    glaze = {"baseColorFactor": [0.28, 0.015, 0.02, 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.12}
+    pawn.visual = trimesh.visual.TextureVisuals(np.zeros((len(pawn.vertices), 2)), PBRMaterial(**glaze))
+    pawn.export(file)
 
 
 def light_panel(light: np.ndarray, pose: np.ndarray) -> Image.Image:
@@ -60,8 +72,8 @@ def light_panel(light: np.ndarray, pose: np.ndarray) -> Image.Image:
     view, up = torch.from_numpy(pose[:3, 2].copy()), torch.from_numpy(pose[:3, 1].copy())
     balls = ThreeSpheres(view, up, side=128).picture(torch.from_numpy(light), SIDE // 3).numpy()
     panel = Image.new("RGB", (SIDE, HEIGHT), "black")
-    map = to_image(srgb_encode(tone_mapped(light, exposure(light))))
-    panel.paste(map.resize((SIDE, SIDE // 2), Image.Resampling.BICUBIC), (0, 0))
+    shown = to_image(srgb_encode(tone_mapped(light, exposure(light))))
+    panel.paste(shown.resize((SIDE, SIDE // 2), Image.Resampling.BICUBIC), (0, 0))
     panel.paste(to_image(balls), (1, SIDE // 2))
     return panel
 
@@ -85,28 +97,23 @@ def joined(panels: list[Image.Image]) -> Image.Image:
 def main() -> None:
     """Photograph, predict, insert, and paste the three panels."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("run", type=Path, help="run folder of `lightprobe demo`")
-    parser.add_argument("output", type=Path, help="the picture")
-    parser.add_argument("--samples", type=int, default=512, help="paths of a pixel of the photo")
+    parser.add_argument("run", help="run folder of `lightprobe demo`")
+    parser.add_argument("picture", type=Path)
     given = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        pose = make_photo(Path(folder), given.samples)
+        pose = make_photo(Path(folder))
+        make_pawn(Path(folder, "pawn.glb"))
         photo, light, result = (f"{folder}/{name}" for name in ("photo.png", "light.exr", "inserted.png"))
-        known = (str(given.run), photo, "--camera", f"{folder}/camera.json", "--mask", f"{folder}/mask.png")
-        thing = ("--object", f"{folder}/object.glb", "--env", light, *PLACE)
-        for command in (
-            ["predict", *known, "--no-background", "-o", light],
-            ["insert", *known, *thing, "-o", result],
-        ):
-            if lightprobe(command) != 0:
-                raise SystemExit(f"lightprobe {command[0]} failed.")
+        known = [given.run, photo, "--camera", f"{folder}/camera.json", "--mask", f"{folder}/mask.png"]
+        lightprobe(["predict", *known, "--no-background", "-o", light])
+        lightprobe(["insert", *known, "--object", f"{folder}/pawn.glb", *PLACE, "--env", light, "-o", result])
         with Image.open(photo) as before, Image.open(result) as after:
             panels = [
                 before.convert("RGB"),
                 light_panel(read_hdr(light)[..., :3], pose),
                 after.convert("RGB"),
             ]
-        joined(panels).save(given.output, quality=88)
+        joined(panels).save(given.picture, quality=88)
 
 
 if __name__ == "__main__":
