@@ -1,17 +1,20 @@
 """A new photo without a camera: locate, and predict, which locates it first."""
 
 import json
+import shutil
 
 import pytest
 import torch
 
 from lightprobe.cli.main import main
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import read_mask, write_png
+from lightprobe.imaging import read_ldr, read_mask, write_png
 from lightprobe.light.environment import Environment
+from lightprobe.localization import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene.record import scene_record
 from tests.cli.commands import succeed
+from tests.insertion.glbs import box, write
 from tests.painted_object import SIMILARITY, painted_asset, painted_scene, photo_of, view_from
 
 pytestmark = pytest.mark.slow
@@ -39,13 +42,8 @@ def photo(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def known_run(run):
-    """The run with its views, which cannot be read from the scene's folder: the scene is not in a known
-    layout.
-    """
-    from lightprobe.localization import KnownViews
-    from lightprobe.scene.photo import Scene
-
-    scene: Scene = painted_scene(run.path.parent / "again", painted_asset())
+    """The run with its views, which cannot be read from the scene's folder: its layout is not known."""
+    scene = painted_scene(run.path.parent / "again", painted_asset())
     KnownViews.of(Decomposition.load(run, torch.device("cpu")), scene).save(run.views_file)
     return run
 
@@ -75,9 +73,17 @@ def test_locate_writes_where_it_is_told(known_run, photo, tmp_path, capsys):
     )
 
 
-def test_gone_photos_are_one_sentence(run, photo, tmp_path, capsys):
-    import shutil
+def test_an_object_is_put_into_a_photo_that_was_located(known_run, photo, tmp_path, capsys):
+    glb, out = write(tmp_path / "box.glb", box()), tmp_path / "out.png"
+    words = ["--object", glb, "-o", out, "--device", "cpu", "--json"]
+    succeed("insert", known_run.path, photo[0], *words)
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["location"]["width"] == 128  # the camera, without the pixels
+    assert answer["location"]["verdict"]["status"] == "good"
+    assert read_ldr(out)[0].shape == read_ldr(photo[0])[0].shape
 
+
+def test_gone_photos_are_one_sentence(run, photo, tmp_path, capsys):
     moved = shutil.copytree(run.path, tmp_path / "run")
     (moved / "mesh" / "views.safetensors").unlink(missing_ok=True)
     record = json.loads((moved / "scene.json").read_text())

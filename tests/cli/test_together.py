@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lightprobe.cli.main import main
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_exr, write_png
 from tests.cli.commands import fails, succeed
 
@@ -46,8 +45,7 @@ def test_photos_of_one_light_give_one_map(trained, opaque, tmp_path, capsys):
 def test_a_photo_that_is_given_twice_is_refused_before_any_work(trained, opaque, tmp_path, capsys):
     image, out = opaque[0][0], tmp_path / "light.exr"
     arguments = ["predict", trained[1].path, image, image, *given(opaque), "--one-light", "-o", out]
-    assert main([str(argument) for argument in arguments]) == 3
-    assert "same name" in capsys.readouterr().err
+    fails(arguments, capsys, ["same name"])
     assert not out.exists()
 
 
@@ -65,52 +63,28 @@ def test_exposures_come_from_exif_where_all_photos_tell_them(trained, opaque, tm
 
 @pytest.mark.slow
 def test_a_photo_that_cannot_serve_is_left_out_and_named(trained, opaque, tmp_path, capsys):
-    images, masks, _ = opaque
-    empty = tmp_path / "masks"
+    """One of which the mask is empty, and one that is white all over."""
+    (first, second), masks, cameras = opaque
+    empty, white, light, plain = (tmp_path / name for name in ("masks", first.name, "light.exr", "plain.exr"))
     for mask in masks.iterdir():
-        write_png(
-            empty / mask.name, read_ldr(mask, srgb=False)[0] * (mask.stem != images[1].stem), srgb=False
-        )
-    out = tmp_path / "light.exr"
-    arguments = [
-        "predict",
-        trained[1].path,
-        *images,
-        "--camera",
-        opaque[2],
-        "--mask",
-        empty,
-        "--one-light",
-        "-o",
-        out,
-    ]
-    assert main([str(argument) for argument in arguments]) == 2
-    assert f"{images[1]} is not in the map. " in capsys.readouterr().err
-    assert out.is_file()
-
-
-@pytest.mark.slow
-def test_a_photo_that_is_white_all_over_is_left_out_and_named(trained, opaque, tmp_path, capsys):
-    images = opaque[0]
-    white, plain = tmp_path / images[0].name, tmp_path / "plain.exr"
-    write_png(white, np.ones_like(read_ldr(images[0])[0]))
-    light = tmp_path / "light.exr"
-    arguments = ["predict", trained[1].path, white, images[1], *given(opaque), "--one-light", "-o", light]
-    assert main([str(argument) for argument in arguments]) == 2
-    assert f"{white} is not in the map. 100 % of the object's values are clipped" in capsys.readouterr().err
-    succeed("predict", trained[1].path, images[1], *given(opaque), "--one-light", "-o", plain)
+        color = read_ldr(mask, srgb=False)[0]
+        write_png(empty / mask.name, color * (mask.stem != second.stem), srgb=False)
+    predict = ["predict", trained[1].path, "--camera", cameras, "--one-light", "-o"]
+    fails([*predict, light, first, second, "--mask", empty], capsys, [f"{second} is not in the map. "])
+    assert light.is_file()
+    write_png(white, np.ones_like(read_ldr(first)[0]))
+    told = f"{white} is not in the map. 100 % of the object's values are clipped"
+    fails([*predict, light, white, second, "--mask", masks], capsys, [told])
+    succeed(*predict, plain, second, "--mask", masks)
     np.testing.assert_array_equal(read_hdr(light), read_hdr(plain))
 
 
 @pytest.mark.slow
 def test_the_background_is_used_unless_told_otherwise(trained, opaque, tmp_path, capsys):
-    image = opaque[0][0]
-    succeed("predict", trained[1].path, image, *given(opaque), "-o", tmp_path / "with.exr")
-    assert "; background " in capsys.readouterr().out
-    succeed(
-        "predict", trained[1].path, image, *given(opaque), "--no-background", "-o", tmp_path / "without.exr"
-    )
-    assert "; background " not in capsys.readouterr().out
+    predict = ["predict", trained[1].path, opaque[0][0], *given(opaque), "-o", tmp_path / "light.exr"]
+    for more, used in (([], True), (["--no-background"], False)):
+        succeed(*predict, *more)
+        assert ("; background " in capsys.readouterr().out) is used
 
 
 @pytest.mark.long
@@ -120,7 +94,7 @@ def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque
     mask = opaque[1] / opaque[0][0].name
     # One camera for the whole clip: that of a tripod.
     camera = tmp_path / "camera.json"
-    camera.write_text(_camera_of(trained, opaque[0][0].stem))
+    camera.write_text(json.dumps(trained[1].scene()["photos"]["test"][opaque[0][0].stem]["camera"]))
     common = ["--camera", camera, "--mask", mask]
     out = tmp_path / "lights"
     succeed("predict", trained[1].path, clip, *common, "--every", "3", "-o", out)
@@ -141,20 +115,27 @@ def test_a_video_gives_a_map_for_every_few_frames_or_one_for_all(trained, opaque
     assert sorted(path.name for path in (out / "frames").iterdir()) == frames
 
 
-def test_what_cannot_be_predicted_from_together_is_refused(trained, opaque, tmp_path, capsys):
-    clip = tmp_path / "clip.mp4"
-    write_clip(clip, opaque[0][0], frames=2)
-    fails(["predict", trained[1].path, clip, opaque[0][0]], capsys, ["is a video; predict from it alone"])
-    fails(["predict", trained[1].path, clip, "--one-light", "-o", tmp_path / "one.png"], capsys, ["one.png"])
-    assert not (tmp_path / "one").exists()
-    fails(
-        ["predict", trained[1].path, opaque[0][0], "--every", "2"],
-        capsys,
-        ["--every is about a video's frames"],
-    )
-    fails(["predict", trained[1].path, clip, "--every", "0"], capsys, ["--every must be at least 1"])
-    fails(["predict", trained[1].path, clip, "-o", tmp_path / "one.exr"], capsys, ["need a folder"])
-    assert not (tmp_path / "one.exr").exists()
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        (["{photo}"], "is a video; predict from it alone"),
+        (["--one-light", "-o", "one.png"], "one.png"),
+        (["--every", "0"], "--every must be at least 1"),
+        (["-o", "one.exr"], "need a folder"),
+    ],
+)
+def test_what_cannot_be_predicted_from_a_video_is_refused(
+    trained, opaque, tmp_path, monkeypatch, capsys, more, words
+):
+    monkeypatch.chdir(tmp_path)
+    write_clip(tmp_path / "clip.mp4", opaque[0][0], frames=2)
+    more = [word.format(photo=opaque[0][0]) for word in more]
+    fails(["predict", trained[1].path, "clip.mp4", *more], capsys, [words])
+    assert [path.name for path in tmp_path.iterdir()] == ["clip.mp4"]
+
+
+def test_frames_of_photos_are_not_asked_for(trained, opaque, capsys):
+    fails(["predict", trained[1].path, opaque[0][0], "--every", "2"], capsys, ["--every is about a video's"])
 
 
 def write_clip(path, picture, frames):
@@ -169,10 +150,6 @@ def write_clip(path, picture, frames):
         container.mux(stream.encode())
 
 
-def _camera_of(trained, name):
-    return json.dumps(trained[1].scene()["photos"]["test"][name]["camera"])
-
-
 @pytest.mark.parametrize("option", ["-o", "--confidence", "--save-overlay", "--save-mask"])
 def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path, capsys, option):
     photo = tmp_path / ("photo.png" if option.startswith("--save") else "photo.exr")
@@ -180,17 +157,8 @@ def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path
     (write_png if photo.suffix == ".png" else write_exr)(photo, color)
     before = photo.read_bytes()
     output = [] if option == "-o" else ["-o", tmp_path / "light.exr"]
-    arguments = [
-        "predict",
-        trained[1].path,
-        photo,
-        "--mask",
-        opaque[1] / opaque[0][0].name,
-        *output,
-        option,
-        photo,
-    ]
-    fails(arguments, capsys, ["would be replaced"])
+    words = [photo, "--mask", opaque[1] / opaque[0][0].name, *output, option, photo]
+    fails(["predict", trained[1].path, *words], capsys, ["would be replaced"])
     assert photo.read_bytes() == before
     folder = tmp_path / "many"
     folder.mkdir()
@@ -200,12 +168,10 @@ def test_a_photo_is_not_replaced_by_what_is_made_of_it(trained, opaque, tmp_path
     fails(["predict", trained[1].path, *images, "-o", folder], capsys, ["would be replaced"])
 
 
-def test_files_of_a_camera_that_is_given_are_not_asked_for(trained, opaque, tmp_path, capsys):
+@pytest.mark.parametrize("more", [[], ["--one-light"]])
+def test_files_of_a_camera_that_is_given_are_not_asked_for(trained, opaque, tmp_path, capsys, more):
     wanted = ["--save-overlay", tmp_path / "seen.png", "-o", tmp_path / "light.exr"]
-    for more in ([], ["--one-light"]):
-        fails(
-            ["predict", trained[1].path, opaque[0][0], *given(opaque), *wanted, *more],
-            capsys,
-            ["--save-overlay"],
-        )
+    fails(
+        ["predict", trained[1].path, opaque[0][0], *given(opaque), *wanted, *more], capsys, ["--save-overlay"]
+    )
     assert not list(tmp_path.iterdir())

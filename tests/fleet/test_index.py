@@ -27,10 +27,8 @@ def test_parts_are_one_table_and_are_gone_on_with(tmp_path):
     again.flush()
     table = pq.read_table(tmp_path / "index").to_pydict()
     assert sorted(table["row"]) == [0, 1, 3]
-    assert sorted(path.name for path in (tmp_path / "index").iterdir()) == [
-        "part-000000.parquet",
-        "part-000001.parquet",
-    ]
+    parts = sorted(path.name for path in (tmp_path / "index").iterdir())
+    assert parts == ["part-000000.parquet", "part-000001.parquet"]
 
 
 def test_parts_are_written_when_time_has_passed(tmp_path):

@@ -41,11 +41,8 @@ def test_files_go_in_the_order_of_their_writing_and_removed_ones_last(monkeypatc
     (tmp_path / "checkpoints" / "step-1" / "state.json").unlink()
     mirror.send()
     assert happened == ["state.json", "-state.json"]
-    assert sorted(remote.files()) == [
-        "checkpoints/step-2/state.json",
-        "config.json",
-        "mesh/asset.safetensors",
-    ]
+    left = ["checkpoints/step-2/state.json", "config.json", "mesh/asset.safetensors"]
+    assert sorted(remote.files()) == left
 
 
 def test_a_checkpoint_of_which_only_a_part_took_another_s_place_cannot_be_read(monkeypatch, remote, tmp_path):
@@ -76,9 +73,8 @@ def test_what_is_there_is_brought_and_not_sent_again(monkeypatch, remote, tmp_pa
     for name in ("config.json", "checkpoints/step-1/state.json", "report/index.html"):
         remote.child(*name.split("/")).write(b"x")
     mirror = Mirror(tmp_path / "run", remote)
-    found = sorted(
-        p.relative_to(tmp_path / "run").as_posix() for p in (tmp_path / "run").rglob("*") if p.is_file()
-    )
+    here = tmp_path / "run"
+    found = sorted(path.relative_to(here).as_posix() for path in here.rglob("*") if path.is_file())
     assert found == ["checkpoints/step-1/state.json", "config.json"]
     monkeypatch.setattr(Place, "write", lambda self, data: pytest.fail(f"{self} was sent again"))
     mirror.send()
@@ -87,14 +83,11 @@ def test_what_is_there_is_brought_and_not_sent_again(monkeypatch, remote, tmp_pa
 
 def test_another_machine_can_go_on_with_a_scene_that_was_prepared_in_the_run(remote, tmp_path):
     mirror = Mirror(tmp_path / "one", remote)
-    for name in ("scene/.prepare/lock", "scene/.prepare/written.json", "scene/transforms.json", ".lock"):
+    kept = ["scene/.prepare/lock", "scene/.prepare/written.json", "scene/transforms.json"]
+    for name in (*kept, ".lock"):
         write(tmp_path / "one", name, "{}", 100)
     mirror.send()
-    assert sorted(remote.files()) == [
-        "scene/.prepare/lock",
-        "scene/.prepare/written.json",
-        "scene/transforms.json",
-    ]
+    assert sorted(remote.files()) == kept
     Mirror(tmp_path / "two", remote)
     check_output(tmp_path / "two" / "scene")
 

@@ -43,14 +43,8 @@ def test_a_process_that_dies_costs_its_own_task_alone(tmp_path):
         with pytest.raises(ResourceError, match="No machine has what a task needs, 1 CPUs, 3 GPUs"):
             next(executor.run(work, [0], Needs(gpus=3, memory=0.1)))
     assert sorted(outcomes) == list(range(8))
-    assert {task: outcome.result[0] for task, outcome in outcomes.items() if outcome.result} == {
-        0: 0,
-        1: 1,
-        2: 2,
-        4: 4,
-        6: 6,
-        7: 7,
-    }
+    done = {task: outcome.result[0] for task, outcome in outcomes.items() if outcome.result}
+    assert done == {number: number for number in (0, 1, 2, 4, 6, 7)}
     assert outcomes[0].result[1] == "1"
     assert "died in 2 tries" in outcomes[3].lost
     assert (tmp_path / "3").read_text() == "xx"
@@ -60,9 +54,7 @@ def test_a_process_that_dies_costs_its_own_task_alone(tmp_path):
 @pytest.mark.long
 def test_scenes_of_a_machine_that_dies_are_finished_elsewhere_with_the_same_bits(monkeypatch, tmp_path):
     monkeypatch.setenv("RAY_USAGE_STATS_ENABLED", "0")
-    monkeypatch.setenv(
-        "RAY_worker_niceness", "0"
-    )  # else its workers wait for whatever other tests run beside this one
+    monkeypatch.setenv("RAY_worker_niceness", "0")  # else its workers wait for other tests that run beside
     monkeypatch.setenv("PYTHONPATH", f"{Path(__file__).parents[2] / 'src'}:{Path(__file__).parents[2]}")
     from ray.cluster_utils import Cluster
 
@@ -102,18 +94,10 @@ def test_a_cluster_that_is_not_there_is_told(monkeypatch, capsys, tmp_path):
 
     monkeypatch.setattr(ray, "init", silent)
     (tmp_path / "scenes").mkdir()
-    command = [
-        "fleet",
-        "train",
-        str(tmp_path / "scenes"),
-        "-o",
-        str(tmp_path / "runs"),
-        "--address",
-        "192.0.2.1:6379",
-    ]
+    command = ["fleet", "train", tmp_path / "scenes", "-o", tmp_path / "runs", "--address", "192.0.2.1:6379"]
     assert fails(command, capsys, ["192.0.2.1:6379", "did not answer"]) == ResourceError.exit_code
 
 
 def test_without_ray_the_extra_is_named(monkeypatch, capsys, tmp_path):
     monkeypatch.setitem(sys.modules, "ray", None)
-    fails(["fleet", "predict", "jobs.parquet", "-o", str(tmp_path)], capsys, ["lightprobe[cluster]"])
+    fails(["fleet", "predict", "photos.parquet", "-o", str(tmp_path)], capsys, ["lightprobe[cluster]"])

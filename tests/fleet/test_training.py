@@ -1,7 +1,6 @@
 """Fleets of trainings: a row for each scene, what is finished left alone, what failed tried again."""
 
 import dataclasses
-import json
 from collections.abc import Callable
 
 import pyarrow.parquet as pq
@@ -39,49 +38,30 @@ def test_every_folder_is_a_scene_and_has_a_row(scenes, tmp_path):
     assert "died in 4 tries" in found.failures["vase"]
     assert [str(task.run) for task in executor.tasks] == [f"{tmp_path}/runs/{name}" for name in found.rows]
     assert {task.threads for task in executor.tasks} == {2}
-    assert pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist() == [
-        "done",
-        "done",
-        "failed",
-    ]
+    states = pq.read_table(tmp_path / "runs" / "index.parquet")["state"].to_pylist()
+    assert states == ["done", "done", "failed"]
 
 
 def test_finished_scenes_are_left_alone_and_failed_ones_tried_again(scenes, tmp_path):
-    train_fleet(
-        scenes, tmp_path / "runs", Stub(finished, lose=lambda task: task.scene.name == "vase"), OPTIONS
-    )
-    second, said = Stub(finished), []
-    found = train_fleet(
-        scenes, tmp_path / "runs", second, OPTIONS, on_progress=lambda *words: said.append(words[:3])
-    )
+    first, second, said = Stub(finished, lose=lambda task: task.scene.name == "vase"), Stub(finished), []
+    train_fleet(scenes, tmp_path / "runs", first, OPTIONS)
+    heard = lambda *words: said.append(words[:3])  # noqa: E731
+    found = train_fleet(scenes, tmp_path / "runs", second, OPTIONS, on_progress=heard)
     assert [task.scene.name for task in second.tasks] == ["vase"]
     assert said == [("scenes", 2, 3), ("scenes", 3, 3)]
     assert found.failures == {}
 
 
-def test_runs_of_other_options_and_a_folder_without_scenes_are_told(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    with pytest.raises(ConfigError, match="seed = 0, not 1"):
-        train_fleet(scenes, tmp_path / "runs", Stub(finished), dataclasses.replace(OPTIONS, seed=1))
-    with pytest.raises(InputError, match="holds no scenes"):
-        train_fleet(scenes / "cup", tmp_path / "others", Stub(finished), OPTIONS)
-
-
-def test_a_fleet_of_before_scenes_were_recorded_goes_on(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    record = tmp_path / "runs" / "fleet.json"
-    record.write_text(json.dumps({"options": json.loads(record.read_text())["options"]}))
-    second = Stub(finished)
-    train_fleet(scenes, tmp_path / "runs", second, OPTIONS)
-    assert second.tasks == []
-
-
-def test_scenes_of_another_collection_are_not_taken_for_finished(scenes, tmp_path):
-    train_fleet(scenes, tmp_path / "runs", Stub(finished), OPTIONS)
-    others = tmp_path / "others"
+def test_runs_of_other_options_or_scenes_and_a_folder_without_scenes_are_told(scenes, tmp_path):
+    runs, others = tmp_path / "runs", tmp_path / "others"
     (others / "cup").mkdir(parents=True)
+    train_fleet(scenes, runs, Stub(finished), OPTIONS)
+    with pytest.raises(ConfigError, match="seed = 0, not 1"):
+        train_fleet(scenes, runs, Stub(finished), dataclasses.replace(OPTIONS, seed=1))
     with pytest.raises(ConfigError, match=r"""scenes = .*/scenes", not .*/others"; choose another folder"""):
-        train_fleet(others, tmp_path / "runs", Stub(finished), OPTIONS)
+        train_fleet(others, runs, Stub(finished), OPTIONS)
+    with pytest.raises(InputError, match="holds no scenes"):
+        train_fleet(scenes / "cup", tmp_path / "more", Stub(finished), OPTIONS)
 
 
 def test_a_scene_that_cannot_be_trained_on_says_why(scenes, tmp_path):

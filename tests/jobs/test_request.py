@@ -14,14 +14,7 @@ from lightprobe.cli.fleet import fleet_predict
 from lightprobe.cli.predicting import predict
 from lightprobe.core.config.prediction import Method, Sun
 from lightprobe.core.errors import ConfigError
-from lightprobe.jobs.request import (
-    LightOptions,
-    Output,
-    PredictRequest,
-    field_help,
-    json_schema,
-    parsed,
-)
+from lightprobe.jobs.request import LightOptions, Output, PredictRequest, field_help, json_schema, parsed
 from lightprobe.light.upsampling import HEIGHTS
 from lightprobe.service.fields import FIELDS
 

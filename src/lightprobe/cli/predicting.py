@@ -8,14 +8,7 @@ from typing import Annotated
 from tyro.conf import FlagCreatePairsOff, Positional, arg
 
 from lightprobe.cli.answer import say, say_one
-from lightprobe.cli.options import (
-    Device,
-    FoundCameraArg,
-    MaskArg,
-    Prediction,
-    RunArg,
-    option,
-)
+from lightprobe.cli.options import Device, FoundCameraArg, MaskArg, Prediction, RunArg, option
 from lightprobe.core.config.prediction import UNCHANGED
 from lightprobe.core.errors import ConfigError, InputError, LightprobeWarning
 from lightprobe.core.files import shell_word
@@ -61,8 +54,7 @@ _OneLightArg = Annotated[
     option(help="All photos, or frames, were taken under one light: predict it from them together."),
 ]
 _EveryArg = Annotated[
-    int | None,
-    option(metavar="N", help=f"Predict from every Nth frame of a video; by default {EVERY}."),
+    int | None, option(metavar="N", help=f"Predict from every Nth frame of a video; by default {EVERY}.")
 ]
 _OPTIONS = LightOptions()
 

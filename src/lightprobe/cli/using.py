@@ -1,6 +1,4 @@
-"""render, relight, export: the object that was learnt in pictures under any light, and in files for other
-programs.
-"""
+"""render, relight, export: the learnt object in pictures under any light, and in files for other programs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -49,11 +47,11 @@ def render(
       lightprobe render runs/cup --camera transforms_test.json --frame r_003 --env studio.exr -o cup.png
       lightprobe render runs/cup --camera view.json --env studio.exr --renderer path --samples 1024 -o cup.png
     """
-    render_run(run, env, camera, output, frame=frame, device=device, config=_asked(renderer, samples))
+    render_run(run, env, camera, output, frame=frame, device=device, config=_render_config(renderer, samples))
     say(f"Picture: {output}", picture=output)
 
 
-def _asked(renderer: Renderer, samples: int | None) -> RenderConfig:
+def _render_config(renderer: Renderer, samples: int | None) -> RenderConfig:
     """Return how pictures are made; raise `ConfigError` for rays of a renderer that traces none."""
     if samples is not None and renderer is not Renderer.PATH:
         raise ConfigError(
@@ -89,7 +87,7 @@ def relight(
             frames=frames,
             side=side,
             device=device,
-            config=_asked(renderer, samples),
+            config=_render_config(renderer, samples),
             on_progress=meter.update,
         )
     say(f"Pictures: {output}", pictures=output)

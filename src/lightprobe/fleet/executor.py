@@ -62,7 +62,5 @@ class Executor(Protocol):
     def run(
         self, function: Callable[[Task], Result], tasks: Iterable[Task], needs: Needs
     ) -> Iterator[Outcome[Task, Result]]:
-        """Yield the outcome of `function` on each task as they finish, in any order; tasks are drawn as
-        needed.
-        """
+        """Yield the outcome of `function` on each task as tasks finish; they are drawn as needed."""
         ...

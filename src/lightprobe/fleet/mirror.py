@@ -39,9 +39,7 @@ class Mirror:
             self.send()
 
     def send(self) -> None:
-        """Send all files that are new or have changed, in the order of their writing; then remove what is
-        gone.
-        """
+        """Send all files that are new or have changed, in the order of writing; then remove what is gone."""
         now = self._stamps()
         changed = [name for name in now if self._sent.get(name) != now[name]]
         for name in changed:

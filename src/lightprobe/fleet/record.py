@@ -46,8 +46,6 @@ def _check_record(output: Place, record: dict[str, Any], alone: bool) -> None:
         stored = json.loads(file.read(_LARGEST))
     except (ValueError, RecursionError) as error:
         raise InputError(f"{file} is damaged; choose another folder with -o.") from error
-    if isinstance(stored, dict):  # of an earlier version, which did not record all of it
-        given = {key: value for key, value in given.items() if key in stored}
     difference = first_difference(stored, given, "fleet")
     if difference:
         key, old, new = difference

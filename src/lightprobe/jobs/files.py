@@ -4,7 +4,6 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lightprobe.core.errors import ConfigError, LightprobeWarning
 from lightprobe.core.files import named_file, remove
@@ -16,9 +15,6 @@ from lightprobe.light.display import exposure, tone_mapped
 from lightprobe.light.files import light_file, other_map, write_map
 from lightprobe.prediction import Prediction, check_names
 from lightprobe.scene.frame import cut_name
-
-if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
-    from lightprobe.localization import Located
 
 MAPS = (Output.EXR, Output.HDR)
 LOCATION = (Output.CAMERA, Output.MASK, Output.OVERLAY)
@@ -136,15 +132,8 @@ class ChosenFiles:
         return {**AnswerFiles.named(folder, file_stem(image), LOCATION).paths, **self.location}
 
 
-def write_location(files: Mapping[Output, Path], located: "Located") -> None:
-    """Write those of camera, mask and overlay of a located photo that are wanted."""
-    save = {
-        Output.CAMERA: located.save_camera,
-        Output.MASK: located.save_mask,
-        Output.OVERLAY: located.save_overlay,
-    }
-    for output, path in files.items():
-        save[output](path)
+BY_NAME = ChosenFiles()
+"""All files named after their photos."""
 
 
 def file_stem(image: Path) -> str:

@@ -13,7 +13,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.imaging import check_room
 from lightprobe.insertion import PhotoView, Wish, insert, load_thing
 from lightprobe.insertion.layers import LayerFiles
-from lightprobe.jobs.files import ChosenFiles
+from lightprobe.jobs.files import BY_NAME
 from lightprobe.jobs.light_files import tell_of_scale, whole_light
 from lightprobe.jobs.photos import LocatedPhoto, known_photo
 from lightprobe.jobs.request import PredictRequest
@@ -82,7 +82,7 @@ def insert_object(
     wish.check()
     found, session = load_thing(Path(thing)), Session(run, device)
     light = None if light_map is None else whole_light(light_map, session.device)
-    location = ChosenFiles().location_of(session.run.path / "predictions", request.photo)
+    location = BY_NAME.location_of(session.run.path / "predictions", request.photo)
     new = session.read(request, known_photo(session.run, request), location)
     warnings = [*doubt_about_up(session.run), *(() if new.location is None else new.location.warnings)]
     decomposition = session.predictor.decomposition

@@ -21,7 +21,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.export.light_file import PhotoFacts
 from lightprobe.imaging import is_video, write_png
 from lightprobe.imaging.video import frames
-from lightprobe.jobs.files import LOCATION, AnswerFiles, ChosenFiles, is_map_name, refuse_namesakes
+from lightprobe.jobs.files import BY_NAME, LOCATION, AnswerFiles, ChosenFiles, is_map_name, refuse_namesakes
 from lightprobe.jobs.photos import LocatedPhoto, NewPhoto, known_photo, locate_photo
 from lightprobe.jobs.request import Output, PredictRequest
 from lightprobe.jobs.session import Session
@@ -107,16 +107,13 @@ def predict_photo(
     on_stage: called with what is done next. Raises `InputError` for files that cannot be used, a photo
     without the object and one that no light explains.
     """
-    answer, photo = _predicted(session, request, files, known_photo(session.run, request), on_stage)
+    answer = _predicted(session, request, files, known_photo(session.run, request), on_stage)
     on_stage("writing")
-    files.write(answer.prediction, answer.facts, request)
-    if files.known and photo.location is None:
-        photo.write_location(files.location)
-    return answer
+    return _written(answer)
 
 
 def predict_photos(
-    session: Session, requests: Sequence[PredictRequest], chosen: ChosenFiles | None = None
+    session: Session, requests: Sequence[PredictRequest], chosen: ChosenFiles = BY_NAME
 ) -> Iterator[Answer]:
     """Return the answers to photos of one object, which are made and written as they are iterated over.
 
@@ -124,13 +121,13 @@ def predict_photos(
     cannot be used, `ConfigError` for names of files that cannot be written or mean two maps. In the end
     raises `InputError` when photos got no map: one that cannot serve must not cost those of the others.
     """
-    return (_written(answer) for answer in _unwritten(session, requests, chosen or ChosenFiles()))
+    return (_written(answer) for answer in _unwritten(session, requests, chosen))
 
 
 def predict_together(
     session: Session,
     requests: Sequence[PredictRequest],
-    chosen: ChosenFiles | None = None,
+    chosen: ChosenFiles = BY_NAME,
     *,
     every: int = EVERY,
 ) -> JointAnswer:
@@ -141,7 +138,7 @@ def predict_together(
     serve are left out; raises `InputError` when none is left, and `ConfigError` when two photos have the same
     name: a photo that is given twice tells nothing more.
     """
-    chosen, start = chosen or ChosenFiles(), time.perf_counter()
+    start = time.perf_counter()
     if requests and is_video(requests[0].photo):
         requests, chosen = _frames_together(session.run, requests[0], chosen, every)
     advice = "give each photo once, and rename those named alike"
@@ -178,7 +175,7 @@ def predict_together(
 def predict_video(
     session: Session,
     request: PredictRequest,
-    chosen: ChosenFiles | None = None,
+    chosen: ChosenFiles = BY_NAME,
     *,
     every: int = EVERY,
     on_answer: Callable[[Answer], None] = lambda answer: None,
@@ -189,7 +186,6 @@ def predict_video(
     `predict_photos`; frames in which the object is not found get no map. Raises `InputError` when none gets
     one.
     """
-    chosen = chosen or ChosenFiles()
     folder = _video_folder(session.run, request.photo, chosen.output)
     shots = _video_frames(request, folder, every)
     where = folder if len(shots) > 1 else folder / f"{shots[0].photo.stem}.exr"
@@ -256,16 +252,17 @@ def _predicted(
     files: AnswerFiles,
     known: Photo | None,
     on_stage: OnStage = lambda stage: None,
-) -> tuple[Answer, NewPhoto]:
-    """Return the answer to a request, its maps still to be written, and the photo."""
+) -> Answer:
+    """Return the answer to a request, its maps still to be written."""
     start = time.perf_counter()
     if known is None:
         on_stage("finding the object in the photo")
     whole = files.known and Output.MASK in files.paths
     photo = session.read(request, known, files.location, whole=whole)
+    if files.known and known is not None:
+        photo.write_location(files.location)
     on_stage("predicting the light")
-    prediction = session.predict(photo, request)
-    return _answer(session, request, files, photo, prediction, start), photo
+    return _answer(session, request, files, photo, session.predict(photo, request), start)
 
 
 def _answer(
@@ -290,11 +287,9 @@ def _unwritten(session: Session, requests: Sequence[PredictRequest], chosen: Cho
         failures = list[str]()
         for request, target, photo in zip(requests, files, known, strict=True):
             try:
-                answer, _ = _predicted(session, request, target, photo)
+                yield _predicted(session, request, target, photo)
             except InputError as error:
                 failures.append(f"{request.photo} gets no map. {error}")
-            else:
-                yield answer
         if failures:
             raise InputError(" ".join(failures))
 

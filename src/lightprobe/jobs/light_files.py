@@ -39,9 +39,7 @@ def whole_light(path: Path, device: torch.device | None = None) -> Environment:
 
 
 def tell_of_scale(path: Path, calibration: Calibration | None) -> None:
-    """Warn where a map was predicted before a calibration and is used with an object after one, or the other
-    way.
-    """
+    """Warn where a map was predicted before a calibration and is used after one, or the other way."""
     predicted = is_calibrated(path)
     if predicted is None or predicted is (calibration is not None):
         return

@@ -13,7 +13,6 @@ from lightprobe.core.files import checksum, resolved, write_json
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import image_size, read_exif_ev100, read_ldr, read_mask, write_mask
 from lightprobe.imaging.decoding import foreign_encoding
-from lightprobe.jobs.files import write_location
 from lightprobe.jobs.request import Output, PredictRequest
 from lightprobe.scene import Photo, load_pixels, new_photo
 from lightprobe.scene.background import Background, is_opaque, load_background
@@ -169,7 +168,13 @@ def read_photo(
 def locate_photo(locator: "Locator", request: PredictRequest, files: Mapping[Output, Path]) -> LocatedPhoto:
     """Locate a photo and write its files; raise `InputError` when the object is not found in it."""
     located = locator.locate(request.photo, mask=request.mask_file)
-    write_location(files, located)
+    save = {
+        Output.CAMERA: located.save_camera,
+        Output.MASK: located.save_mask,
+        Output.OVERLAY: located.save_overlay,
+    }
+    for output, path in files.items():
+        save[output](path)
     return LocatedPhoto(request.photo, files, located)
 
 

@@ -26,10 +26,7 @@ class Session:
     """A run with its predictor and its locator, each loaded when it is first needed."""
 
     def __init__(
-        self,
-        run: Path | str,
-        device: str | torch.device = "auto",
-        settings: PredictionOptions = UNCHANGED,
+        self, run: Path | str, device: str | torch.device = "auto", settings: PredictionOptions = UNCHANGED
     ):
         """Open a run; raise `InputError` when there is none. settings: what changes of how it predicts."""
         self.run, self.device = RunFolder.open(Path(run)), resolve_device(device)
@@ -55,11 +52,7 @@ class Session:
         return options.method or methods_for(self.predictor.model, self.predictor.config)[0]
 
     def read(
-        self,
-        request: PredictRequest,
-        known: Photo | None,
-        files: Mapping[Output, Path],
-        whole: bool = False,
+        self, request: PredictRequest, known: Photo | None, files: Mapping[Output, Path], whole: bool = False
     ) -> NewPhoto:
         """Return a photo with its camera, see `photos.read_photo`; reduced as predictions take it, or `whole`."""
         most = None if whole else self.predictor.config.max_pixels

@@ -27,7 +27,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.export.light_file import candela_per_unit
 from lightprobe.imaging import LUMA
-from lightprobe.jobs.files import ChosenFiles
+from lightprobe.jobs.files import BY_NAME
 from lightprobe.jobs.light_files import whole_light
 from lightprobe.jobs.photos import NewPhoto, known_photo, read_photo
 from lightprobe.jobs.request import PredictRequest
@@ -66,8 +66,8 @@ def calibrate_by_light(
     photo: Path,
     environment: Path,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     device: str | torch.device = "auto",
 ) -> Calibration:
     """Find and store a run's calibration by a photo under a known light, a map in the photo's exposure.
@@ -115,8 +115,8 @@ def calibrate_by_albedo(
     photo: Path,
     point: Point,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     up: bool = False,
     device: str | torch.device = "auto",
 ) -> Calibration:
@@ -162,8 +162,8 @@ def calibrate_by_meter(
     photo: Path,
     lux: float,
     *,
-    camera: Path | None,
-    mask: Path | None,
+    camera: Path | None = None,
+    mask: Path | None = None,
     device: str | torch.device = "auto",
 ) -> Calibration:
     """Find and store a run's calibration by a light meter's reading beside the object, its sensor facing up.
@@ -211,7 +211,7 @@ class _Opened:
         photo = read_photo(
             request,
             known_photo(run, request),
-            ChosenFiles().location_of(run.path / "predictions", image),
+            BY_NAME.location_of(run.path / "predictions", image),
             lambda: load_locator(run, Predictor(decomposition, device=where)),
             _MOST,
         )
@@ -264,9 +264,7 @@ def _rgb(factor: Tensor) -> tuple[float, float, float]:
 
 
 def _stored(run: RunFolder, factor: Tensor, source: str) -> Calibration:
-    """Write the calibration into the run and return it; raise `InputError` when no run could be off by so
-    much.
-    """
+    """Write and return the calibration; raise `InputError` when no run could be off by so much."""
     if not is_plausible(factor.tolist()):
         numbers = ", ".join(f"{value:.3g}" for value in factor.tolist())
         raise InputError(
