@@ -14,7 +14,6 @@ from lightprobe.core.failures import UnexpectedError
 from lightprobe.web.errors import WorkerEndedError, received, reported, sent_kind
 from lightprobe.web.worker import START, WorkerProcess, answer_requests, worker_command
 
-
 ROOT = Path(__file__).parents[2]
 HERE = {"PYTHONPATH": os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])}
 
