@@ -30,7 +30,7 @@ from demo_scene.textures import Model, make_model
 from lightprobe.core.files import write_bytes, write_json
 from lightprobe.evaluation import relight
 from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
-from lightprobe.insertion import Insertion, PhotoView, Wish, insert, load_thing
+from lightprobe.insertion import Insertion, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.insertion.placement import ground_height, place
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
@@ -91,10 +91,10 @@ def _trace(scene: Scene, pot: Model, samples: int) -> None:
     """Path-trace photo and truth into the scene's folder."""
     from benchmarks.insertion_truth import photograph
 
-    thing, known, folder = load_thing(scene.folder / "thing.glb"), scene.known, scene.folder
-    wish = Wish(scale=scene.case.scale)
+    thing, known, folder = load_virtual_object(scene.folder / "thing.glb"), scene.known, scene.folder
+    wish = Placement(scale=scene.case.scale)
     placed = place(thing, known.asset.mesh.vertices, known.similarity, scene.camera, scene.mask, wish)
-    there = moved(pot, *similarity(thing.vertices.numpy(), placed.thing.vertices.numpy()))
+    there = moved(pot, *similarity(thing.vertices.numpy(), placed.virtual.vertices.numpy()))
     without = photograph(pot, None, scene.environment, scene.camera, placed.ground, samples)
     write_png(folder / "photo.png", without)
     write_exr(folder / "photo.exr", without)
@@ -127,9 +127,12 @@ def score(scene: Scene, inserted: Insertion) -> dict[str, float]:
 
 def measure(scene: Scene, run: Path | None) -> dict[str, dict[str, float]]:
     """Return scores by light and object: true, and those of a run."""
-    thing, view = load_thing(scene.folder / "thing.glb"), PhotoView(scene.photo, scene.mask, scene.camera)
+    thing, view = (
+        load_virtual_object(scene.folder / "thing.glb"),
+        PhotoView(scene.photo, scene.mask, scene.camera),
+    )
     anchor = json.loads((scene.folder / "place.json").read_text())
-    wish = Wish(tuple(anchor["at"]), anchor["scale"])
+    wish = Placement(tuple(anchor["at"]), anchor["scale"])
     true = insert(scene.known, Environment.from_panorama(scene.environment), view, thing, wish)
     _show(scene, true, "true")
     scores = {"true light and object": score(scene, true)}

@@ -124,7 +124,9 @@ def pose_row(subject: Subject, *, known: bool) -> str:
         focal = photo.camera.fx if known else None
         got = answer(subject, subject.files[photo.name], focal, photo.camera)
         told = None if got.located is None else got.located.verdict
-        numbers = "" if told is None else f" score {told.score:.2f}, pose uncertainty {told.pose_uncertainty:.3f},"
+        numbers = (
+            "" if told is None else f" score {told.score:.2f}, pose uncertainty {told.pose_uncertainty:.3f},"
+        )
         print(
             f"# {subject.name} {photo.name}: {got.error:.2f} px, {got.status.value},{numbers} {got.seconds:.1f} s"
         )

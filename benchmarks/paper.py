@@ -86,7 +86,7 @@ def measure(scene: Scene, sizes: Settings, photos: int, steps: int, device: torc
     found = decompose(scene, config, device, 0, Progress(on_step=on_step))
     begin = time.perf_counter(), time.process_time()
     second = dataclasses.replace(sizes.distill, steps=steps)
-    lessons = collect_lessons(found.asset, found.lights, scene, second, device, 0)
+    lessons = collect_examples(found.asset, found.lights, scene, second, device, 0)
     end = time.perf_counter(), time.process_time()
     made, busy = ((now - then) / len(lessons) for now, then in zip(end, begin, strict=True))
     train(lessons, second, device, 0, Progress(on_step=lambda _, *step: on_step("Phase II", *step)))

@@ -32,7 +32,7 @@ from lightprobe.evaluation import Protocols
 from lightprobe.light.files import environment_files
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.report.run_info import fitted_preset, read_phases
-from lightprobe.runs.stages import TRAINED, is_learnt
+from lightprobe.runs.phases import TRAINED, is_learnt
 
 RunCommand = Callable[[Sequence[str]], bool]  # runs a command of the program; whether it went well
 

@@ -83,7 +83,7 @@ def learn(
     def on_example(done: int, count: int) -> None:
         pace.step(f"{name}: training examples", done, count)
 
-    model = distill(found, photos, second, device, setting.seed, progress, on_lesson=on_example)
+    model = distill(found, photos, second, device, setting.seed, progress, on_example=on_example)
     memory, of = peak_memory(), "the process"
     if device.type == "cuda":
         memory, of = torch.cuda.max_memory_allocated(device) / 2**30, "the GPU"

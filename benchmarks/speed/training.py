@@ -15,8 +15,8 @@ from benchmarks.speed.ball import CPU, LIT, ball, camera, light, photograph
 from benchmarks.speed.timing import WARM, growth_rows, median_gap
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
+from lightprobe.distillation.examples import ExampleMaker, TrainingExample
 from lightprobe.distillation.training import train
-from lightprobe.lessons.lesson import Lesson, LessonMaker
 from lightprobe.reconstruction.image_task import ImageTask
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
@@ -58,7 +58,7 @@ def small() -> Size:
         light_resolution=16,
         light_solve_pixels=512,
     )
-    return Size(first, DistillConfig(max_side=64, samples=256, sphere_batch=1, sphere_width=8), (2, 4), 3, 2)
+    return Size(first, DistillConfig(max_side=64, samples=256, sphere_width=8), (2, 4), 3, 2)
 
 
 def photo_tables(size: Size) -> list[str]:
@@ -115,18 +115,18 @@ def phase_one_step(task: ImageTask, steps: int) -> float:
     return median_gap(stamps)
 
 
-def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[Lesson]:
+def lessons_of(asset: Asset, count: int, config: DistillConfig) -> list[TrainingExample]:
     """Return a training example of Phase II from each of `count` cameras."""
     lessons = []
     for number in range(count):
         gbuffer = rasterize_asset(asset, camera(config.max_side, number, count), CPU)
         photo, at = picture(asset, config.max_side, number, count), gbuffer.pixel
-        maker = LessonMaker(gbuffer, UP, config)
-        lessons.append(maker.lesson(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
+        maker = ExampleMaker(gbuffer, UP, config)
+        lessons.append(maker.example(photo.name, photo.color[at], photo.clipped[at], light(LIT, number)))
     return lessons
 
 
-def phase_two_steps(lessons: list[Lesson], config: DistillConfig, steps: int) -> dict[str, float]:
+def phase_two_steps(lessons: list[TrainingExample], config: DistillConfig, steps: int) -> dict[str, float]:
     """Return the median seconds of a step of the illumination MLP and of the sphere network."""
     stamps: list[float] = []
     short = replace(config, steps=steps + WARM, sphere_steps=steps + WARM)

@@ -6,11 +6,6 @@ import pytest
 
 from lightprobe.core.run import RunFolder
 from lightprobe.imaging import read_ldr
-from lightprobe.localization.locator import Located
-from lightprobe.localization.verdict import PoseVerdict
-from lightprobe.runs.insertion import InsertedObject, doubt_about_up
-from lightprobe.runs.locations import LocatedPhoto, LocationFiles
-from lightprobe.scene import load_scene
 from lightprobe.jobs.insertion import doubt_about_up
 from tests.cli.commands import fails, succeed
 from tests.insertion.glbs import box, write

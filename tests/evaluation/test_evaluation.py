@@ -22,7 +22,6 @@ from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import light_file
 from lightprobe.light.sources import SplitLight
-from lightprobe.material.textures import Textures
 from lightprobe.models import Decomposition
 from lightprobe.prediction import Method, Prediction, Predictor, methods_for
 from lightprobe.render.asset import Asset

@@ -7,11 +7,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, LockedError
 from lightprobe.core.files import locked_file
-from lightprobe.core.errors import BusyError, ConfigError
-from lightprobe.core.file_lock import locked_file
 from lightprobe.fleet.executor import Needs
 from lightprobe.fleet.index import PhotoRow
 from lightprobe.fleet.predicting import map_place, predict_fleet
@@ -100,7 +97,7 @@ def test_what_cannot_be_used_is_told_before_any_work(tmp_path):
     with pytest.raises(ConfigError, match="--chunk"):
         predict_fleet(table, tmp_path / "out", Stub(done), chunk=0)
     (tmp_path / "out").mkdir()
-    with locked_file(tmp_path / "out" / ".fleet.lock", ""), pytest.raises(BusyError):
+    with locked_file(tmp_path / "out" / ".fleet.lock", ""), pytest.raises(LockedError):
         predict_fleet(table, tmp_path / "out", Stub(done))
 
 

@@ -42,9 +42,8 @@ from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
-from lightprobe.view.watching import evaluation_of, newest_record, read_records, stage_lengths
 from lightprobe.view.sources import evaluation_of
-from lightprobe.view.watching import newest_record, read_records, stage_lengths
+from lightprobe.view.watching import evaluation_of, newest_record, read_records, stage_lengths
 from tests.benchmarks.records import record
 from tests.fuzz import pictures, requests, servers
 from tests.fuzz.edits import GLB, JSON, LINES, SAFETENSORS, WORDS, Form, with_checksums
@@ -298,7 +297,7 @@ TARGETS = (
         lambda root, path: read_camera(path, root / "images" / "view_01.jpg"),
         JSON,
     ),
-    Target("GLB", _glbs, "*.glb", lambda root, path: load_thing(path), GLB),
+    Target("GLB", _glbs, "*.glb", lambda root, path: load_virtual_object(path), GLB),
     Target("video", _videos, "a.*", _read_video),
     Target("JSON of runs", _run, _RUN_JSON, _read_run, JSON),
     Target("metrics.jsonl", _run, "run/metrics.jsonl", _read_run, LINES),

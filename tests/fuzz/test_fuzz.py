@@ -93,7 +93,7 @@ def test_every_reader_survives_a_short_attack(tmp_path):
 
 
 def test_a_finding_is_kept_with_the_edits_that_show_it_and_told_in_a_table(tmp_path, capsys, monkeypatch):
-    found = worker.Outcome("KeyError in GLB at thing.py:load_thing", "a trace")
+    found = worker.Outcome("KeyError in GLB at thing.py:load_virtual_object", "a trace")
     monkeypatch.setattr(worker.Worker, "read", lambda self, target, file, data: found)
     attack = Attack(tmp_path, 0, [target for target in TARGETS if target.name == "GLB"])
     assert len(attack.check_corpus()) == 2

@@ -4,6 +4,7 @@ import math
 
 import pytest
 import torch
+from lightprobe.runs.videos import _steady
 
 from lightprobe.jobs.job import _steady
 from lightprobe.light import cubemap
@@ -11,8 +12,6 @@ from lightprobe.light.environment import Environment
 from lightprobe.light.sources import LightSource, SplitLight, split_light
 from lightprobe.prediction import Prediction
 from lightprobe.prediction.verdict import PhotoVerdict
-from lightprobe.runs.videos import _steady
-from lightprobe.prediction.verdict import Verdict
 
 GOOD = PhotoVerdict(0.01, 0.99, 0.99, 0.0, 0.2, 0.99, 0.0)
 LAMP = LightSource((0.0, 0.6, 0.8), math.radians(6), (2.0, 2.0, 2.0))

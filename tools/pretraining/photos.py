@@ -14,7 +14,6 @@ from lightprobe.distillation.draw import Draw
 from lightprobe.distillation.examples import ExampleMaker, TrainingExample
 from lightprobe.distillation.generated_lights import generated_light
 from lightprobe.distillation.synthetic import rerender
-from lightprobe.evaluation.viewpoints import look_at
 from lightprobe.evaluation.relighting import look_at
 from lightprobe.geometry.mesh import vertex_normals
 from lightprobe.models.probe_maps import RESOLUTION

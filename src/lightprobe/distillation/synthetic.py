@@ -19,8 +19,6 @@ from lightprobe.core.device import generator
 from lightprobe.distillation.draw import Draw, beside, upright
 from lightprobe.distillation.generated_lights import generated_light
 from lightprobe.imaging import srgb_decode, srgb_encode
-from lightprobe.lessons.draw import Draw, beside, upright
-from lightprobe.lessons.generated_lights import generated_light
 from lightprobe.light import prefilter
 from lightprobe.light.environment import Environment
 from lightprobe.light.photometry import USUAL_MEAN

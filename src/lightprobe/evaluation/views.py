@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.evaluation.metrics import ImageScores, image_scores, on_white, psnr
-from lightprobe.imaging import check_room
+from lightprobe.imaging import check_memory
 from lightprobe.light import prefilter
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import rasterize_asset
@@ -47,7 +47,7 @@ class TestView:
         photo: Photo, decomposition: Decomposition, light_resolution: int, device: torch.device
     ) -> "TestView":
         """Read the photo and make the asset's view ready for lights (6, R, R, 3) of resolution R."""
-        check_room(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
+        check_memory(photo.image_path, (photo.camera.width, photo.camera.height), _PIXEL_BYTES)
         pixels, camera = load_pixels(photo)
         normalised = camera.normalised(decomposition.similarity)
         gbuffer = rasterize_asset(decomposition.asset, _material_camera(photo, normalised), device)

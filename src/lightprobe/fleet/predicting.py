@@ -91,7 +91,7 @@ def predict_fleet(
     changes of how the runs predict. needs: what a task takes. chunk: photos of a task at most. retry_failed:
     try those photos again that have failed. A photo whose process dies, in a chunk and then alone, gets a row
     that says so. Raises `InputError` for a table or an index that cannot be used, `ConfigError` for options
-    that cannot, or for an `output` of another table or options, and `BusyError` when another process writes
+    that cannot, or for an `output` of another table or options, and `LockedError` when another process writes
     it.
     """
     chosen, wanted = options or LightOptions(), needs or Needs()

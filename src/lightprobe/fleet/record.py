@@ -18,7 +18,7 @@ _LARGEST = 2**20  # bytes of a record
 def held(output: Place, record: dict[str, Any], *, alone: bool) -> Iterator[None]:
     """Hold a folder of results, where this machine has it, once what the results are of is known to be `record`.
 
-    An object store has no locks. alone: whether a new folder has to be empty. Raises `BusyError` when another
+    An object store has no locks. alone: whether a new folder has to be empty. Raises `LockedError` when another
     fleet writes it, `ConfigError` where the results that lie there are of something else, `InputError` for a
     damaged record.
     """

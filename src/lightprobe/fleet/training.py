@@ -18,7 +18,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.config.prediction import PredictConfig
-from lightprobe.core.errors import BusyError, InputError, LightprobeError, LightprobeWarning
+from lightprobe.core.errors import InputError, LightprobeError, LightprobeWarning, LockedError
 from lightprobe.core.failures import reporting_errors
 from lightprobe.core.partial import partial_folder
 from lightprobe.core.run import RunFolder
@@ -173,7 +173,7 @@ def _patiently(work: Callable[[], None], patience: float) -> None:
         try:
             work()
             return
-        except BusyError:
+        except LockedError:
             if time.monotonic() >= end:
                 raise
             time.sleep(min(_PAUSE, patience))

@@ -10,9 +10,8 @@ import torch
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import refuse_replacing
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import check_room
-from lightprobe.insertion import PhotoView, Wish, insert, load_thing
-from lightprobe.insertion.layers import LayerFiles
+from lightprobe.imaging import check_memory
+from lightprobe.insertion import LayerFiles, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.jobs.files import BY_NAME
 from lightprobe.jobs.light_files import tell_of_scale, whole_light
 from lightprobe.jobs.photos import LocatedPhoto, known_photo
@@ -78,9 +77,9 @@ def insert_object(
     files = LayerFiles.of(output)
     read = [request.photo, request.mask_file, Path(thing), light_map, request.camera]
     refuse_replacing(vars(files).values(), read)
-    wish = Wish(at, scale, turn)
+    wish = Placement(at, scale, turn)
     wish.check()
-    found, session = load_thing(Path(thing)), Session(run, device)
+    found, session = load_virtual_object(Path(thing)), Session(run, device)
     light = None if light_map is None else whole_light(light_map, session.device)
     location = BY_NAME.location_of(session.run.path / "predictions", request.photo)
     new = session.read(request, known_photo(session.run, request), location)
@@ -91,7 +90,7 @@ def insert_object(
         light, warnings = prediction.environment, [*warnings, *prediction.verdict.sentences]
     else:
         tell_of_scale(light_map, decomposition.calibration)
-    check_room(request.photo, (new.camera.width, new.camera.height), _PIXEL_BYTES)
+    check_memory(request.photo, (new.camera.width, new.camera.height), _PIXEL_BYTES)
     view = PhotoView(*new.whole(), new.camera, opaque=is_opaque(request.photo))
     inserted = insert(decomposition, light, view, found, wish)
     inserted.write(files)

@@ -17,7 +17,7 @@ from lightprobe.jobs.request import Output, PredictRequest
 from lightprobe.scene import Photo, load_pixels, new_photo
 from lightprobe.scene.background import Background, is_opaque, load_background
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.encoding import encoding_sentences
+from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.photo import Pixels
 from lightprobe.scene.pixels import fit_camera, load_observed, load_thumbnail
 from lightprobe.scene.record import SPLITS, read_record, recorded_mask
@@ -103,7 +103,7 @@ class NewPhoto:
 
     def write_location(self, files: Mapping[Output, Path]) -> None:
         """Write those of camera, mask and overlay that are wanted of a photo whose camera is known."""
-        from lightprobe.localization.located import write_overlay
+        from lightprobe.localization.locator import write_overlay
 
         for output, path in files.items():
             match output:

@@ -11,8 +11,6 @@ import torch
 from torch import Tensor
 
 from lightprobe.core.config import DecomposeConfig, ImageLoss
-from lightprobe.light.photometry import one_sided, srgb_encode, tone_map
-from lightprobe.core.config import DecomposeConfig
 from lightprobe.imaging import srgb_encode
 from lightprobe.light.photometry import one_sided, tone_map
 from lightprobe.reconstruction.photos import Target

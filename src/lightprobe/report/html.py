@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from lightprobe.prediction.color_scale import css_gradient, ticks
+from lightprobe.prediction.confidence import css_gradient, ticks
 from lightprobe.report.headings import IMAGES, LIGHTS, Heading, Headings
 from lightprobe.report.pictures import CONFIDENCE, OF_THE_LIGHT, OF_THE_VIEW, PICTURE_HINTS
 

@@ -8,6 +8,7 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from lightprobe.jobs.insertion import InsertedObject, insert_object
     from lightprobe.runs.calibration import (
         Point,
         calibrate_by_albedo,
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
         reset_calibration,
     )
     from lightprobe.runs.evaluation import EvaluatedRun, EvaluationOptions, evaluate_run
-    from lightprobe.runs.insertion import InsertedObject, insert_object
     from lightprobe.runs.locations import LocationFiles, locate_photos
     from lightprobe.runs.outputs import export_run, relight_run, render_run
     from lightprobe.runs.pages import compare_runs, write_gallery

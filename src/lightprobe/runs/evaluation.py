@@ -30,9 +30,7 @@ from lightprobe.prediction import Method, methods_for, recorded_config
 from lightprobe.report import Report, evenly_spaced, view_pictures, write_report
 from lightprobe.report.report import store_report
 from lightprobe.report.run_info import read_phases, training_commands, training_facts
-from lightprobe.report.stored import store_report
 from lightprobe.runs.phases import open_scene
-from lightprobe.report.summary import SummaryTable, summary_lines, summary_tables
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene.photo import Scene
 

@@ -28,7 +28,6 @@ from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import load_scene
 from lightprobe.scene.photo import Scene
-from lightprobe.scene.plain_inspection import is_plain
 from lightprobe.scene.plain_photos import is_plain
 
 

@@ -86,7 +86,7 @@ def _checked(kind: UploadKind, path: Path, name: str) -> Path:
             if kind is UploadKind.LIGHT:
                 read_map(kept)
             elif kind is UploadKind.OBJECT:
-                load_thing(kept)
+                load_virtual_object(kept)
             elif is_video(kept):
                 raise InputError(f"{name} is a video; choose a photo.")
             else:

@@ -16,13 +16,12 @@ from lightprobe.evaluation import relight
 from lightprobe.evaluation.three_spheres import ThreeSpheres
 from lightprobe.export import write_picture
 from lightprobe.imaging import read_ldr, read_mask, write_png
-from lightprobe.insertion import PhotoView, Wish, insert, load_thing
-from lightprobe.insertion.layers import LayerFiles
+from lightprobe.insertion import LayerFiles, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.jobs import Answer, AnswerFiles, Output, PredictRequest, Sessions, predict_photo
 from lightprobe.jobs.insertion import doubt_about_up
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import plane
-from lightprobe.prediction.color_scale import confidence_colors
+from lightprobe.prediction.confidence import confidence_colors
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.camera import Camera
 from lightprobe.view.checkpoint_preview import CheckpointPreviews
@@ -130,12 +129,15 @@ def _insert(sessions: Sessions, task: dict[str, Any], folder: Path, tell: Tell) 
     prediction, image = Path(task["prediction"]), Path(task["photo"])
     tell("loading the object")
     session = sessions.get(task["run"])
-    given, light = load_thing(Path(task["upload"])), Environment.load(prediction / _MAP, session.device)
+    given, light = (
+        load_virtual_object(Path(task["upload"])),
+        Environment.load(prediction / _MAP, session.device),
+    )
     camera = Camera.from_json(read_json(prediction / "camera.json"), source="this photo's camera")
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
     at = None if task["at"] is None else (task["at"][0] * camera.width, task["at"][1] * camera.height)
     tell("putting it into the photo")
-    wish = Wish(at, task["scale"], task["turn"])
+    wish = Placement(at, task["scale"], task["turn"])
     made = insert(session.predictor.decomposition, light, photo, given, wish)
     made.write(LayerFiles.of(folder / _INSERTED))
     return {
