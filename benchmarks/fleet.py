@@ -183,10 +183,10 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Li
 def _fleet(
     root: Path, name: str, executor: Executor, options: LightOptions, workers: int, photos: int
 ) -> float:
-    """Return photos per second of a fleet, of the first `photos` jobs."""
+    """Return photos per second of a fleet, of the first `photos` rows."""
     import ray
 
-    table = pyarrow.parquet.read_table(root / "jobs.parquet").slice(0, photos)
+    table = pyarrow.parquet.read_table(root / "photos.parquet").slice(0, photos)
     pyarrow.parquet.write_table(table, root / f"{name}.parquet")
     begin = time.perf_counter()
     cores = ray.cluster_resources()["CPU"] / workers  # as many tasks at once as wanted
@@ -196,7 +196,7 @@ def _fleet(
     return photos / (time.perf_counter() - begin)
 
 
-def _alone(jobs: Sequence[Job], root: Path, options: PhotoOptions) -> float:
+def _alone(rows: Sequence[TableRow], root: Path, options: LightOptions) -> float:
     """Return photos per second of this process, on one thread, after a first photo."""
     place = Place.of(root)
     predict_chunk(Chunk(tuple(rows[:1]), place, place.child("alone"), options))
@@ -278,6 +278,6 @@ def main(words: Sequence[str]) -> int:
     if given.kind == "load":
         return measure_load(given.rows, given.ray)
     if given.kind == "photos":
-        options = PhotoOptions(given.method, sources=given.sources)
+        options = LightOptions(given.method, sources=given.sources)
         return measure_photos(given.run, given.photos, given.alone, given.workers, options)
     return measure_nodes(given.scene, given.nodes, given.scenes)

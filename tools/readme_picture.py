@@ -110,7 +110,7 @@ def main() -> None:
         with Image.open(photo) as before, Image.open(result) as after:
             panels = [
                 before.convert("RGB"),
-                light_panel(read_hdr(light)[..., :3], pose),
+                light_panel(read_hdr(Path(light))[..., :3], pose),
                 after.convert("RGB"),
             ]
         joined(panels).save(given.picture, quality=88)

@@ -42,7 +42,6 @@ from lightprobe.scene import read_camera
 from lightprobe.scene.frame import Problems
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.loading import read_folder
-from lightprobe.view.sources import evaluation_of
 from lightprobe.view.watching import evaluation_of, newest_record, read_records, stage_lengths
 from tests.benchmarks.records import record
 from tests.fuzz import pictures, requests, servers

@@ -4,7 +4,6 @@ import math
 
 import pytest
 import torch
-from lightprobe.runs.videos import _steady
 
 from lightprobe.jobs.job import _steady
 from lightprobe.light import cubemap

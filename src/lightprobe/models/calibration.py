@@ -44,11 +44,11 @@ class Calibration:
             return None
         value = read_object(path, _REMEDY)
         factor, source = value.get("light_factor_rgb"), value.get("source")
-        numbers = isinstance(factor, list) and all(type(v) in (int, float) for v in factor)
-        if not numbers or len(factor) != 3 or not is_plausible(factor) or not isinstance(source, str):
+        numbers = [v for v in factor if type(v) in (int, float)] if isinstance(factor, list) else []
+        if numbers != factor or len(numbers) != 3 or not is_plausible(numbers) or not isinstance(source, str):
             words = f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}"
             raise damaged(path, words, _REMEDY)
-        r, g, b = (float(v) for v in factor)
+        r, g, b = map(float, numbers)
         return Calibration((r, g, b), source)
 
     def tensor(self, device: torch.device | str = "cpu") -> Tensor:

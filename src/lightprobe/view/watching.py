@@ -17,7 +17,6 @@ from lightprobe.distillation.training import stages as distill_stages
 from lightprobe.models import LightAccuracy, ObjectVerdict
 from lightprobe.reconstruction.phase1 import stages as decompose_stages
 from lightprobe.runs.phases import is_learnt
-from lightprobe.view.sources import evaluation_of
 
 _CHUNK = 2**20  # bytes of metrics.jsonl that are sent at once
 _TAIL = 8192  # bytes of a log that are looked at
