@@ -121,7 +121,7 @@ def test_an_answer_is_json_in_any_encoding():
 
 
 def test_errors_of_the_program_come_as_sentence_and_object(tmp_path, capsys):
-    assert main(["open", str(tmp_path), "--json"]) == 2
+    assert main(["report", str(tmp_path), "--json"]) == 2
     printed = capsys.readouterr()
     assert printed.err == f"lightprobe: {json.loads(printed.out)['error']}\n"
     assert "is not a run folder" in printed.err

@@ -80,10 +80,6 @@ def drawn(page: Path) -> list[set[str]]:
     return layers
 
 
-def test_the_readme_draws_the_layers_from_photos_upwards():
-    assert drawn(ROOT / "README.md") == contract()[::-1]
-
-
 def test_the_guide_for_contributors_draws_the_layers_from_the_command_line_downwards():
     assert drawn(ROOT / "CONTRIBUTING.md") == contract()
 

@@ -134,7 +134,7 @@ def test_a_photo_that_memory_has_no_room_for_is_refused_before_it_is_read(
         asked.append((path, size))
         raise InputError("too large")
 
-    monkeypatch.setattr(views, "check_room", refuse)
+    monkeypatch.setattr(views, "check_memory", refuse)
     with pytest.raises(InputError, match="too large"):
         TestView.load(dataclasses.replace(photo, image_path=FILE), known_decomposition(), 16, CPU)
     assert asked == [(FILE, (24, 16))]
