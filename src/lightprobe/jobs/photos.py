@@ -103,8 +103,6 @@ class NewPhoto:
 
     def write_location(self, files: Mapping[Output, Path]) -> None:
         """Write those of camera, mask and overlay that are wanted of a photo whose camera is known."""
-        from lightprobe.localization.locator import write_overlay
-
         for output, path in files.items():
             match output:
                 case Output.CAMERA:
@@ -112,6 +110,8 @@ class NewPhoto:
                 case Output.MASK:
                     write_mask(path, self.pixels.alpha)
                 case Output.OVERLAY:
+                    from lightprobe.localization.located import write_overlay
+
                     write_overlay(path, self.surroundings(), self.pixels.alpha)
 
 
