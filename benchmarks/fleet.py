@@ -126,12 +126,11 @@ def measure_load(rows: int, on_ray: bool) -> int:
         pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
         executor: Executor = Nothing(stack.enter_context(cluster()) if on_ray else None)
         begin, used = time.perf_counter(), time.process_time()
-        found = predict_fleet(
-            root / "photos.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1)
-        )
+        asked, needs = (root / "jobs.parquet", root / "out", executor), Needs(memory=0.1)
+        found = predict_fleet(*asked, chunk=CHUNK, needs=needs)
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         again = time.perf_counter()
-        predict_fleet(root / "photos.parquet", root / "out", executor, chunk=CHUNK, needs=Needs(memory=0.1))
+        predict_fleet(*asked, chunk=CHUNK, needs=needs)
         resumed = time.perf_counter() - again
         size = sum(path.stat().st_size for path in (root / "out" / "index").iterdir())
     print(
@@ -141,7 +140,7 @@ def measure_load(rows: int, on_ray: bool) -> int:
     )
     memory = peak_memory() or 0
     print(
-        f"index {size / rows:.1f} bytes per row; to go on with it {resumed:.2f} s; peak memory {memory:.2f} GiB"
+        f"index {size / rows:.1f} bytes per row; to go on with it {resumed:.2f} s; {memory:.2f} GiB at most"
     )
     return 0 if found.done == rows else 1
 
@@ -153,14 +152,11 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Li
     with tempfile.TemporaryDirectory() as folder:
         root, camera = Path(folder), str(record.root / "transforms_test.json")
         files = [test[row % len(test)] for row in range(photos)]
+        files[photos // 2] = "gone.png"
         columns = {"run": [str(run.resolve())] * photos, "photo": files, "camera": [camera] * photos}
-        columns["photo"][photos // 2] = "gone.png"
-        pyarrow.parquet.write_table(pyarrow.table(columns), root / "photos.parquet")
-        rows = [
-            TableRow(row, columns["run"][row], columns["photo"][row], camera)
-            for row in range(min(alone, photos))
-        ]
-        before = _alone(rows, root, options)
+        pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
+        jobs = [Job(row, str(run.resolve()), files[row], camera) for row in range(min(alone, photos))]
+        before = _alone(jobs, root, options)
         with cluster() as executor:
             _fleet(root, "warm", executor, options, workers, 2)  # compiles, and reads libraries
             fleet = _fleet(root, "out", executor, options, workers, photos)
@@ -168,9 +164,8 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Li
         single = (before + after) / 2
         table = pyarrow.parquet.read_table(root / "out" / "index").to_pydict()
     missing = sorted(set(range(photos)) - set(table["row"]))
-    failed = [
-        reason for state, reason in zip(table["state"], table["reason"], strict=True) if state == State.FAILED
-    ]
+    ends = zip(table["state"], table["reason"], strict=True)
+    failed = [reason for state, reason in ends if state == State.FAILED]
     print(
         f"{photos} photos, {options.method}{', sources' if options.sources else ''}: one process {before:.2f} "
         f"photos/s before, {after:.2f} after; fleet of {workers}: {fleet:.2f} photos/s, "
@@ -189,10 +184,8 @@ def _fleet(
     table = pyarrow.parquet.read_table(root / "photos.parquet").slice(0, photos)
     pyarrow.parquet.write_table(table, root / f"{name}.parquet")
     begin = time.perf_counter()
-    cores = ray.cluster_resources()["CPU"] / workers  # as many tasks at once as wanted
-    predict_fleet(
-        root / f"{name}.parquet", root / name, executor, options=options, needs=Needs(cpus=cores, memory=1)
-    )
+    needs = Needs(cpus=ray.cluster_resources()["CPU"] / workers, memory=1)  # as many tasks at once as wanted
+    predict_fleet(root / f"{name}.parquet", root / name, executor, options=options, needs=needs)
     return photos / (time.perf_counter() - begin)
 
 
@@ -248,10 +241,9 @@ def _say(stage: str, done: int, total: int, note: str = "") -> None:
 def _kill(machines: object, doomed: object, runs: Path, count: int) -> None:
     """Kill a machine once as many runs have checkpoints as there are machines."""
     end = time.monotonic() + PATIENCE
-    while (
-        len({path.parents[1] for path in runs.glob("*/checkpoints/step-*")}) < count
-        and time.monotonic() < end
-    ):
+    begun = set[Path]()
+    while len(begun) < count and time.monotonic() < end:
+        begun = {path.parents[1] for path in runs.glob("*/checkpoints/step-*")}
         time.sleep(0.02)
     print("a machine is killed", flush=True)
     machines.remove_node(doomed, allow_graceful=False)  # type: ignore[attr-defined]

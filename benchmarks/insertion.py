@@ -24,11 +24,12 @@ from PIL import Image
 
 import demo_scene
 from benchmarks import command_line
-from benchmarks.insertion_scenes import CASES, Case, camera_of, glb, moved, true_decomposition
+from benchmarks.insertion_scenes import CASES, Case, camera_of, moved, true_decomposition
 from demo_scene.files import read_exr
 from demo_scene.textures import Model, make_model
-from lightprobe.core.files import write_bytes, write_json
+from lightprobe.core.files import write_json
 from lightprobe.evaluation import relight
+from lightprobe.export.bundle import write_mesh
 from lightprobe.imaging import CLIPPED, read_ldr, srgb_encode, write_exr, write_png
 from lightprobe.insertion import Insertion, PhotoView, Placement, insert, load_virtual_object
 from lightprobe.insertion.placement import ground_height, place
@@ -77,7 +78,7 @@ def make_scene(case: Case, folder: Path, side: int, samples: int) -> Scene:
     environment = environment * (_MEAN / float(image.sum() / (3 * cover.sum())))
     mask = cover.numpy()
     folder.mkdir(parents=True, exist_ok=True)
-    write_bytes(folder / "thing.glb", glb(pot))
+    write_mesh(known.asset, known.similarity, folder / "thing.glb")
     write_exr(folder / "light.exr", environment)
     write_json(folder / "camera.json", camera.to_json())
     write_png(folder / "mask.png", np.repeat(mask[..., None], 3, 2), srgb=False)

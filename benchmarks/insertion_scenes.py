@@ -1,19 +1,16 @@
 """Generated objects as the product knows them, and the camera that looks at two of them on the ground."""
 
-import io
 from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
-from PIL import Image
 
 from demo_scene.geometry import Part, weld
 from demo_scene.textures import Model, atlas_uv
-from lightprobe.export.glb import GltfPictures, encode_glb
-from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import resize_area, srgb_encode
+from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset, textured_visibility
@@ -50,16 +47,10 @@ def true_decomposition(model: Model) -> Decomposition:
         points, index = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
         welded = index.reshape(-1)[faces]
     # A part's own vertices, split along its creases, keep its normals apart.
-    creases = np.unique(
-        np.round(np.concatenate([vertices, _normals(model)], 1), 4), axis=0, return_inverse=True
-    )[1]
-    mesh = Mesh(
-        torch.from_numpy(points).float(),
-        torch.from_numpy(welded.astype(np.int32)),
-        torch.from_numpy(uvs).float(),
-        torch.from_numpy(uv_faces.astype(np.int32)),
-        torch.from_numpy(creases.reshape(-1)[faces].astype(np.int32)),
-    )
+    both = np.round(np.concatenate([vertices, np.concatenate([part.normals for part in model.parts])], 1), 4)
+    creases = np.unique(both, axis=0, return_inverse=True)[1].reshape(-1)[faces]
+    corners, texture, normal = (torch.from_numpy(f.astype(np.int32)) for f in (welded, uv_faces, creases))
+    mesh = Mesh(torch.from_numpy(points).float(), corners, torch.from_numpy(uvs).float(), texture, normal)
     material = model.material
     base, rough, metal = (
         torch.from_numpy(resize_area(plane.astype(np.float32), _TEXTURE, _TEXTURE))
@@ -72,33 +63,10 @@ def true_decomposition(model: Model) -> Decomposition:
     return Decomposition(asset, {"none": Environment(torch.ones(6, 8, 8, 3))}, Similarity(np.zeros(3), 1.0))
 
 
-def glb(model: Model) -> bytes:
-    """Return the object as a GLB file."""
-    vertices, faces, uvs, _ = _corners(model)
-    normals = _normals(model)
-    tangent = np.concatenate([np.cross(normals, np.roll(normals, 1, 1)), np.ones((len(normals), 1))], 1)
-    mesh = GltfMesh(
-        to_y_up(vertices).astype(np.float32),
-        to_y_up(normals).astype(np.float32),
-        tangent.astype(np.float32),
-        uvs.astype(np.float32),
-        faces.astype(np.uint32),
-    )
-    material = model.material
-    orm = np.stack([np.ones_like(material.roughness), material.roughness, material.metallic], -1)
-    bump = np.full((4, 4, 3), [0.5, 0.5, 1.0])
-    return encode_glb(mesh, GltfPictures(_png(srgb_encode(material.base)), _png(orm), _png(bump)))
-
-
 def camera_of(case: Case, side: int, ground: float) -> Camera:
     """Return the camera of a scene's photo, which looks at the known object from above."""
-    direction = np.array(
-        [
-            np.cos(case.azimuth) * np.cos(_ELEVATION),
-            np.sin(case.azimuth) * np.cos(_ELEVATION),
-            np.sin(_ELEVATION),
-        ]
-    )
+    flat, up = np.cos(_ELEVATION), np.sin(_ELEVATION)
+    direction = np.array([np.cos(case.azimuth) * flat, np.sin(case.azimuth) * flat, up])
     right = np.array([-direction[1], direction[0], 0.0]) / np.hypot(*direction[:2])
     pose = np.eye(4)
     pose[:3, 0], pose[:3, 1], pose[:3, 2] = right, np.cross(direction, right), direction
@@ -112,9 +80,8 @@ def moved(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Model:
     length = np.cbrt(np.linalg.det(matrix))
 
     def part(one: Part) -> Part:
-        return replace(
-            one, vertices=one.vertices @ matrix.T + offset, normals=one.normals @ matrix.T / length
-        )
+        points, normals = one.vertices @ matrix.T + offset, one.normals @ matrix.T / length
+        return replace(one, vertices=points, normals=normals)
 
     return replace(model, parts=[part(one) for one in model.parts])
 
@@ -125,13 +92,3 @@ def _corners(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarr
     faces = np.concatenate([part.faces + start for part, start in zip(model.parts, offsets, strict=False)])
     uvs = np.concatenate([atlas_uv(part) for part in model.parts])
     return np.concatenate([part.vertices for part in model.parts]), faces, uvs, faces
-
-
-def _normals(model: Model) -> np.ndarray:
-    return np.concatenate([part.normals for part in model.parts])
-
-
-def _png(values: np.ndarray) -> bytes:
-    buffer = io.BytesIO()
-    Image.fromarray((values.clip(0, 1) * 255 + 0.5).astype(np.uint8)).save(buffer, format="PNG")
-    return buffer.getvalue()

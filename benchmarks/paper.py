@@ -53,15 +53,9 @@ class Costs:
 def small() -> Settings:
     """Return the preset at sizes that take seconds."""
     usual = settings(Preset.PAPER)
+    first = dataclasses.replace(usual.decompose, pass1_side=32, pass2_side=32, lattice_cells=10)
     first = dataclasses.replace(
-        usual.decompose,
-        pass1_side=32,
-        pass2_side=32,
-        lattice_cells=10,
-        hash_log2_size=10,
-        texture_size=64,
-        light_resolution=8,
-        unwrap_seconds=0.0,
+        first, hash_log2_size=10, texture_size=64, light_resolution=8, unwrap_seconds=0.0
     )
     second = dataclasses.replace(usual.distill, light_resolution=8, max_side=32, width=16)
     return dataclasses.replace(usual, decompose=first, distill=second)
@@ -118,10 +112,9 @@ def _held(lesson: TrainingExample) -> int:
 def hours(steps: dict[str, float], lesson: float, sizes: Settings, photos: int = PHOTOS) -> float:
     """Return the hours of a full run on `photos` photos, from seconds a step and a lesson."""
     config = sizes.decompose
-    counts = dict(
-        zip(PASSES, (config.pass1_iterations, config.pass2_iterations, sizes.distill.steps), strict=True)
-    )
-    return (sum(counts[name] * steps[name] for name in PASSES) + photos * lesson) / 3600
+    counts = (config.pass1_iterations, config.pass2_iterations, sizes.distill.steps)
+    trained = sum(count * steps[name] for name, count in zip(PASSES, counts, strict=True))
+    return (trained + photos * lesson) / 3600
 
 
 def rows(costs: Costs, sizes: Settings, note: str) -> list[str]:

@@ -15,13 +15,8 @@ def paper_page(results: BenchResults) -> str:
     lines = ["# The paper's tables", "", _HEAD, "", *_OTHER_SCENES]
     for table in PAPER_TABLES:
         folders = " ".join(table.scenes.values())
-        lines += [
-            "",
-            f"## Table {table.number}: {table.title}",
-            "",
-            *_command(f"--scenes {folders} {_STEPS}"),
-            "",
-        ]
+        lines += ["", f"## Table {table.number}: {table.title}", ""]
+        lines += [*_command(f"--scenes {folders} {_STEPS}"), ""]
         lines += _image_rows(table, results)
     lines += ["", "## Table 4: seconds to predict the light of one image", "", _TIME_NOTE, ""]
     lines += [*_command("--scenes spot cape --steps run"), "", *_time_rows(results)]
@@ -55,11 +50,9 @@ def _image_rows(table: PaperTable, results: BenchResults) -> list[str]:
 
 
 def _ours(record: Record | None, method: str | None) -> Scores | None:
-    scores = (
-        {}
-        if record is None
-        else record.metrics["methods"].get(method or record.metrics["default_method"], {})
-    )
+    if record is None:
+        return (_NOT_RUN, "")
+    scores = record.metrics["methods"].get(method or record.metrics["default_method"], {})
     return (number(scores["psnr"], 2), number(scores["ssim"], 3)) if "psnr" in scores else (_NOT_RUN, "")
 
 
@@ -85,10 +78,8 @@ def _time_rows(results: BenchResults) -> list[str]:
             place = f"{scene}; {record.machine}; {record.threads} thread(s)"
             for method in dict.fromkeys((record.metrics["default_method"], PAPER_METHOD)):
                 if method in scores:
-                    seconds, steps = (
-                        number(scores[method].get("seconds"), 2),
-                        "1" if method == PAPER_METHOD else NONE,
-                    )
+                    seconds = number(scores[method].get("seconds"), 2)
+                    steps = "1" if method == PAPER_METHOD else NONE
                     rows.append([f"ours, {method_name(method, record)}", seconds, steps, place])
     if not results.runs:
         rows.append(["ours", _NOT_RUN, NONE, NONE])
@@ -99,11 +90,8 @@ def _loss_rows(results: BenchResults) -> list[str]:
     rows = []
     for loss in dict.fromkeys([*PAPER_LOSSES, *results.losses]):
         each = [record.metrics["methods"][PAPER_METHOD] for record in results.losses.get(loss, [])]
-        ours = (
-            [number(mean([m[key] for m in each]), d) for key, d in (("psnr", 2), ("ssim", 4))]
-            if each
-            else [_NOT_RUN]
-        )
+        shown = (("psnr", 2), ("ssim", 4)) if each else ()
+        ours = [number(mean([m[key] for m in each]), d) for key, d in shown] or [_NOT_RUN]
         rows.append([loss, _cell(PAPER_LOSSES.get(loss)), " / ".join(ours), str(len(each) or NONE)])
     return markdown_table(["loss", "the paper, NeRD's Chair", "ours, our chair", "seeds"], rows)
 

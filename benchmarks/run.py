@@ -335,11 +335,8 @@ class Benchmark:
 
     def _unplaced(self, command: str) -> str:
         options = self.options
-        places = {
-            "DATA": options.data,
-            "RUNS": options.runs or options.output / "runs",
-            "FOLDER": options.output,
-        }
+        runs = options.runs or options.output / "runs"
+        places = {"DATA": options.data, "RUNS": runs, "FOLDER": options.output}
         return without_places(command, places | ({} if options.hdri is None else {"HDRI": options.hdri}))
 
 

@@ -129,12 +129,8 @@ def bomb() -> bytes:
         return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
 
     head = struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
-    return (
-        b"\x89PNG\r\n\x1a\n"
-        + chunk(b"IHDR", head)
-        + chunk(b"IDAT", zlib.compress(bytes(1000)))
-        + chunk(b"IEND", b"")
-    )
+    body = chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(bytes(1000))) + chunk(b"IEND", b"")
+    return b"\x89PNG\r\n\x1a\n" + body
 
 
 def hostile(client: httpx2.Client, shot: Shot, draw: random.Random) -> httpx2.Response:
@@ -184,9 +180,8 @@ def one_request(
         tally.refused["429, asked again"] += attempts
         if foe:
             tally.hostile[status] += 1
-            tally.wrong += (
-                [] if 400 <= status < 500 else [f"{number}: a hostile request got {status} {sentence}"]
-            )
+            if not 400 <= status < 500:
+                tally.wrong.append(f"{number}: a hostile request got {status} {sentence}")
         elif status != 200:
             tally.refused[f"{status} {re.sub(r'[0-9.]+', 'N', sentence)}"] += 1
         elif same:
@@ -222,11 +217,8 @@ def load(url: str, pid: int, shots: Sequence[Shot], options: argparse.Namespace)
 
 def children(pid: int) -> list[int]:
     """Return the processes that a process has started, on Linux."""
-    return [
-        int(number)
-        for file in Path(f"/proc/{pid}/task").glob("*/children")
-        for number in file.read_text().split()
-    ]
+    files = Path(f"/proc/{pid}/task").glob("*/children")
+    return [int(number) for file in files for number in file.read_text().split()]
 
 
 def memory(pid: int) -> float:
@@ -280,9 +272,8 @@ def service(run: Path, options: argparse.Namespace) -> Iterator[tuple[str, int]]
     """Yield address and process of a service of a copy of a run, once a worker can be asked."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "runs" / _OBJECT
-        shutil.copytree(
-            run, target, ignore=shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions")
-        )
+        left = shutil.ignore_patterns("checkpoints", "report", "oracle", "predictions")
+        shutil.copytree(run, target, ignore=left)
         command = [sys.executable, "-m", "lightprobe", "serve", str(target.parent), "--port", "0"]
         command += ["--log-level", "warning"]
         command += ["--workers", str(options.workers), "--deadline", str(options.deadline)]

@@ -341,13 +341,8 @@ def verdict_table(results: BenchResults) -> list[str]:
             ([record.scene, str(record.seed), verdict["trust"], *(number(*v) for v in values)], record)
         )
     head = ["scene", "seed", "verdict", "disagreement, %", "surprise", "relighting expected, dB", "found, dB"]
-    head += [
-        "true object's, dB",
-        "base colour over truth",
-        "spheres expected",
-        "found",
-        "true object's spheres",
-    ]
+    head += ["true object's, dB", "base colour over truth", "spheres expected", "found"]
+    head += ["true object's spheres"]
     return [*rows_table(results, head, rows), *_agreement(told)]
 
 
@@ -397,17 +392,10 @@ def _spheres(record: Record) -> float | None:
 
 def record_table(results: BenchResults) -> list[str]:
     """Return how each record was made."""
-    rows = [
-        [
-            r.name,
-            *(v or NONE for v in (r.commit, r.trained, r.preset)),
-            str(r.seed),
-            r.machine,
-            r.threads,
-            f"`{r.command}`",
-        ]
-        for r in results.records
-    ]
+    rows = []
+    for r in results.records:
+        made = [value or NONE for value in (r.commit, r.trained, r.preset)]
+        rows.append([r.name, *made, str(r.seed), r.machine, r.threads, f"`{r.command}`"])
     head = ["record", "commit", "trained at", "preset", "seed", "machine", "threads", "command"]
     return markdown_table(head, rows) if rows else []
 

@@ -103,15 +103,8 @@ def check_index(python: str) -> None:
     version = Path(python).name.removeprefix("python")
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     words = [sys.executable, "-m", "pip", "install", "-q", "--dry-run", "--ignore-installed"]
-    words += [
-        "--only-binary=:all:",
-        "--python-version",
-        version,
-        "--target",
-        "nowhere",
-        "-c",
-        str(ROOT / "constraints.txt"),
-    ]
+    words += ["--only-binary=:all:", "--python-version", version, "--target", "nowhere"]
+    words += ["-c", str(ROOT / "constraints.txt")]
     _done([*words, *project["dependencies"], *project["optional-dependencies"]["photos"]], ROOT)
 
 

@@ -123,12 +123,8 @@ def parameters_of(table: Tensor) -> Tensor:
 def first_guess(cells: Cells) -> Tensor:
     """Return a table (C, S, 6): bent towards the normal with roughness, narrowed by foreshortening."""
     r, c = torch.broadcast_tensors(cells.roughness, cells.cosine)
-    bend, apart, narrow, likely = (
-        1.0 - 0.35 * r**2,
-        0.08 * (0.3 + r),
-        0.4 * (1.0 - r) * c.log(),
-        torch.full_like(r, 2),
-    )
+    bend, apart = 1.0 - 0.35 * r**2, 0.08 * (0.3 + r)
+    narrow, likely = 0.4 * (1.0 - r) * c.log(), torch.full_like(r, 2)
     return torch.stack([bend - apart, bend + apart, narrow, narrow, likely, likely], dim=-1)
 
 

@@ -34,10 +34,8 @@ def kernels_part(setting: Setting) -> None:
             "| --- |" + " ---: |" * (len(TITLES) - 1),
         ],
     )
-    pairs = zip(
-        all_kernels(quick=setting.brief, device=device), all_kernels(quick=setting.brief), strict=True
-    )
-    for there, here in pairs:
+    every, same = (all_kernels(quick=setting.brief, device=where) for where in (device, CPU))
+    for there, here in zip(every, same, strict=True):
         setting.write("kernels", [kernel_row(there, here, device, limits)])
     setting.write("kernels", [prefilter_row(16 if setting.brief else 32, device, limits)])
 
@@ -60,24 +58,16 @@ def prefilter_row(resolution: int, device: torch.device, limits: Limits) -> str:
     x = torch.rand(matrix.columns, 3, generator=torch.Generator().manual_seed(0))
     there, entries = x.to(device), len(matrix.value)
     work = entries * (4.0 + matrix.column.element_size()) + 4 * len(matrix.start) + 24 * len(x)
-    kernel = Kernel(
-        f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries",
-        "",
-        lambda _: None,
-        work,
-        False,
-    )
+    name = f"prefilter product, 6 x {resolution}², {entries / 1e6:.1f} M entries"
+    kernel = Kernel(name, "", lambda _: None, work, False)
     seconds = device_seconds(lambda: sparse_product(matrix, there), device)
-    return _row(
-        kernel, seconds, None, limits, difference(sparse_product(matrix, there), sparse_product(own, x))
-    )
+    off = difference(sparse_product(matrix, there), sparse_product(own, x))
+    return _row(kernel, seconds, None, limits, off)
 
 
 def _row(kernel: Kernel, fast: float, slow: float | None, limits: Limits, off: float) -> str:
-    rate, (unit, limit) = (
-        kernel.work / fast,
-        ("GFLOP", limits.arithmetic) if kernel.flops else ("GB", limits.copy),
-    )
+    rate = kernel.work / fast
+    unit, limit = ("GFLOP", limits.arithmetic) if kernel.flops else ("GB", limits.copy)
     beside = "– | –" if slow is None else f"{1000 * slow:.2f} | {slow / fast:.1f}"
     share = f"{rate / 1e9:.1f} {unit}/s | {100 * rate / limit:.0f} %"
     return f"| {kernel.name} | {1000 * fast:.3f} | {beside} | {kernel.work / 1e9:.3f} {unit} | {share} | {off:.1e} |"

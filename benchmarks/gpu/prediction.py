@@ -27,14 +27,8 @@ def prediction_part(setting: Setting) -> None:
         raise ConfigError(
             "There is no run to predict with: the part that trains the demo did not get that far."
         )
-    head = (
-        "method",
-        "device",
-        "size",
-        *(f"{part}, ms" for part in PARTS),
-        "photos a second",
-        "off the CPU's map",
-    )
+    parts = [f"{part}, ms" for part in PARTS]
+    head = ("method", "device", "size", *parts, "photos a second", "off the CPU's map")
     setting.write(
         "prediction", [f"| {' | '.join(head)} |", "| --- | --- | --- |" + " ---: |" * (len(head) - 3)]
     )

@@ -140,12 +140,7 @@ def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
     name, forward, back = f"occluded light, {pixels / 1000:.0f} k x 384", 5 + 6 + 18.0, 5 + 6 + 4 + 13.0
     return [
         Kernel(name, "occlusion", lambda b: b.occluded_light(*case), pairs * forward),
-        Kernel(
-            "occluded light adjoint",
-            "occlusion",
-            lambda b: b.light_gradient(grad, *case[1:]),
-            pairs * back,
-        ),
+        Kernel(f"{name}, adjoint", "occlusion", lambda b: b.light_gradient(grad, *case[1:]), pairs * back),
     ]
 
 

@@ -103,20 +103,9 @@ class Studio:
     def photograph(self, view: View, side: int, samples: int, seed: int) -> np.ndarray:
         """Return premultiplied linear RGBA (side, side, 4): the mean of four renders, `tamed`."""
         sensor = self._sensor(view, side)
-        renders = np.stack(
-            [
-                np.array(
-                    mi.render(
-                        self.scene,
-                        sensor=sensor,
-                        integrator=self._integrator,
-                        spp=max(samples // _SUB_RENDERS, 1),
-                        seed=seed * _SUB_RENDERS + k,
-                    )
-                )
-                for k in range(_SUB_RENDERS)
-            ]
-        )
+        how = {"sensor": sensor, "integrator": self._integrator, "spp": max(samples // _SUB_RENDERS, 1)}
+        seeds = range(seed * _SUB_RENDERS, (seed + 1) * _SUB_RENDERS)
+        renders = np.stack([np.array(mi.render(self.scene, seed=each, **how)) for each in seeds])
         return tamed(renders)
 
     def maps(self, view: View, side: int) -> Maps:
@@ -150,22 +139,8 @@ class Studio:
     def _sensor(self, view: View, side: int) -> mi.Sensor:
         # Mitsuba's cameras look along +z with x to the left.
         pose = view.pose @ np.diag([-1.0, 1.0, -1.0, 1.0])
-        return mi.load_dict(
-            {
-                "type": "perspective",
-                "fov": float(np.degrees(view.angle)),
-                "fov_axis": "x",
-                "near_clip": 0.1,
-                "far_clip": 100.0,
-                "to_world": mi.ScalarTransform4f(pose.tolist()),
-                "sampler": {"type": "independent"},
-                "film": {
-                    "type": "hdrfilm",
-                    "width": side,
-                    "height": side,
-                    "pixel_format": "rgba",
-                    "component_format": "float32",
-                    "rfilter": {"type": "box"},
-                },
-            }
-        )
+        size = {"width": side, "height": side, "pixel_format": "rgba", "component_format": "float32"}
+        lens = {"fov": float(np.degrees(view.angle)), "fov_axis": "x", "near_clip": 0.1, "far_clip": 100.0}
+        film = {"type": "hdrfilm", **size, "rfilter": {"type": "box"}}
+        place = {"to_world": mi.ScalarTransform4f(pose.tolist()), "sampler": {"type": "independent"}}
+        return mi.load_dict({"type": "perspective", **lens, **place, "film": film})

@@ -99,9 +99,8 @@ def _irradiance(
             at[pane.axis] = pane.offset
             total += _from_point(point, normal, at, facing)[..., None] * pane.sky * (s1 - s0) * (z1 - z0) / 4
     for lamp in lamps:
-        total += (
-            _from_point(point, normal, lamp.center, None)[..., None] * lamp.radiance * np.pi * lamp.radius**2
-        )
+        power = lamp.radiance * np.pi * lamp.radius**2
+        total += _from_point(point, normal, lamp.center, None)[..., None] * power
     return total
 
 
@@ -164,25 +163,16 @@ def _through_window(pane: Pane, along: np.ndarray, z: np.ndarray) -> tuple[np.nd
 def _surface_color(point: np.ndarray, axis: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Reflectance of the shell: plaster walls with pictures, boards on the floor, white ceiling."""
     wall, board = _WALLS[rng.integers(len(_WALLS))], _FLOORS[rng.integers(len(_FLOORS))]
-    plaster = 0.9 + 0.2 * fractal_noise(
-        point[..., 0] + point[..., 1], point[..., 2], int(rng.integers(2**31))
-    )
+    across = point[..., 0] + point[..., 1]
+    plaster = 0.9 + 0.2 * fractal_noise(across, point[..., 2], int(rng.integers(2**31)))
     color = wall * plaster[..., None]
     along = np.where(axis == 0, point[..., 1], point[..., 0])
     for _ in range(int(rng.integers(2, 6))):
-        a, side, s, z = (
-            int(rng.integers(2)),
-            rng.choice([-1.0, 1.0]),
-            rng.uniform(-2, 2),
-            rng.uniform(0.0, 0.8),
-        )
+        a, side = int(rng.integers(2)), rng.choice([-1.0, 1.0])
+        s, z = rng.uniform(-2, 2), rng.uniform(0.0, 0.8)
         w, h = rng.uniform(0.15, 0.5, 2)
-        on = (
-            (axis == a)
-            & (np.sign(point[..., a]) == side)
-            & (np.abs(along - s) < w)
-            & (np.abs(point[..., 2] - z) < h)
-        )
+        on = (axis == a) & (np.sign(point[..., a]) == side)
+        on = on & (np.abs(along - s) < w) & (np.abs(point[..., 2] - z) < h)
         color = np.where(on[..., None], rng.uniform(0.02, 0.6, 3), color)
     seed = int(rng.integers(2**31))
     planks = 0.75 + 0.5 * fractal_noise(np.floor(point[..., 1] * 8) * 7.3, point[..., 0] * 0.7, seed)

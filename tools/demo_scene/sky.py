@@ -8,16 +8,8 @@ import numpy as np
 
 from .noise import fractal_noise, mix, smoothstep, value_noise
 
-_GROUNDS = np.array(
-    [
-        [0.09, 0.13, 0.035],
-        [0.14, 0.135, 0.13],
-        [0.38, 0.30, 0.19],
-        [0.62, 0.64, 0.66],
-        [0.27, 0.25, 0.22],
-        [0.10, 0.15, 0.06],
-    ]
-)
+_GRASS, _ASPHALT, _SAND = (0.09, 0.13, 0.035), (0.14, 0.135, 0.13), (0.38, 0.30, 0.19)
+_GROUNDS = np.array([_GRASS, _ASPHALT, _SAND, (0.62, 0.64, 0.66), (0.27, 0.25, 0.22), (0.10, 0.15, 0.06)])
 # larger than the true 0.27 degrees, and dimmer by as much: it must fill a texel
 _SUN_RADIUS = np.radians(1.3)
 
@@ -68,10 +60,8 @@ def _clouds(d: np.ndarray, cover: float, rng: np.random.Generator) -> np.ndarray
 def _skyline(d: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """What stands around: mask (H, W) and reflectance (H, W, 3) of trees, houses, hills or nothing."""
     around = np.mod(np.arctan2(d[..., 1], d[..., 0]) / (2 * np.pi), 1.0)
-    seed, what = (
-        int(rng.integers(2**31)),
-        rng.choice(["trees", "houses", "hills", "open"], p=[0.35, 0.30, 0.2, 0.15]),
-    )
+    seed = int(rng.integers(2**31))
+    what = rng.choice(["trees", "houses", "hills", "open"], p=[0.35, 0.30, 0.2, 0.15])
     if what == "trees":
         top = 0.05 + rng.uniform(0.15, 0.75) * fractal_noise(around * 12, 0 * around, seed, period=12)
         leaf = value_noise(around * 90, d[..., 2] * 40, seed + 1, period=90)[..., None]
@@ -80,11 +70,8 @@ def _skyline(d: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.nd
         count = int(rng.integers(9, 20))
         house = np.floor(around * count).astype(int)
         tall = rng.uniform(0.08, 0.75, count) * (rng.random(count) < 0.8)
-        paint = (
-            rng.uniform(0.10, 0.55, (count, 1))
-            * np.array([1.0, 0.9, 0.78])
-            * rng.uniform(0.85, 1.15, (count, 3))
-        )
+        tint = np.array([1.0, 0.9, 0.78])
+        paint = rng.uniform(0.10, 0.55, (count, 1)) * tint * rng.uniform(0.85, 1.15, (count, 3))
         top = tall[house]
         window = (np.mod(around * count * 5, 1) < 0.45) & (np.mod(d[..., 2] * 18, 1) < 0.5)
         color = paint[house] * np.where(window, 0.35, 1.0)[..., None]

@@ -75,19 +75,16 @@ def views(number: int, seed: int) -> Iterator[GBuffer]:
             continue
         color, roughness, metallic, bumps = paint.at(seen.position)
         normal = normalize(normalize(seen.interpolate(normals, faces), dim=1) + bumps, dim=1)
-        yield GBuffer(
+        around_seen = PointVisibility.of(around, faces, seen.face, seen.barycentric)
+        surface = (
             view.height,
             view.width,
             seen.pixel,
             seen.face,
             seen.position,
             face_camera(normal, seen.view),
-            seen.view,
-            color,
-            roughness,
-            metallic,
-            PointVisibility.of(around, faces, seen.face, seen.barycentric),
         )
+        yield GBuffer(*surface, seen.view, color, roughness, metallic, around_seen)
 
 
 @torch.no_grad()

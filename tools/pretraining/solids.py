@@ -4,6 +4,7 @@ Signed distances are negative inside; they are exact or too small, which moves n
 3).
 """
 
+import itertools
 import math
 
 import numpy as np
@@ -34,12 +35,8 @@ def _surface(draw: Draw) -> tuple[Tensor, Tensor]:
     points = torch.stack(torch.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
     grid = _distance(points, draw).reshape(CELLS + 1, CELLS + 1, CELLS + 1)
     inside = (grid < 0).numpy()
-    corners = [
-        inside[i : CELLS + i, j : CELLS + j, k : CELLS + k]
-        for i in range(2)
-        for j in range(2)
-        for k in range(2)
-    ]
+    places = itertools.product(range(2), repeat=3)
+    corners = [inside[i : CELLS + i, j : CELLS + j, k : CELLS + k] for i, j, k in places]
     lattice = build_lattice(np.any(corners, 0) & ~np.all(corners, 0), np.full(3, -REACH), 2 * REACH / CELLS)
     place = ((lattice.vertices + REACH) * CELLS / (2 * REACH)).round().long()
     distance = grid[place[:, 0], place[:, 1], place[:, 2]]
