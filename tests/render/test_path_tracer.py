@@ -164,21 +164,6 @@ def test_pixels_are_those_of_the_rectangle_around_the_object(points, columns, ro
     assert path_tracer._framed(vertices, camera).tolist() == expected
 
 
-def test_corners_have_positions_normals_coordinates_and_tangents_in_their_order():
-    vertices = torch.tensor([[0.0, 0, 0], [2, 0, 0], [0, 1, 0], [0, 0, 3]])
-    faces = torch.tensor([[0, 1, 2], [0, 2, 3]], dtype=torch.int32)
-    uvs = torch.tensor([[0.0, 1], [1, 1], [0, 0], [0.5, 0.25]])
-    uv_faces = torch.tensor([[0, 1, 2], [3, 0, 2]], dtype=torch.int32)
-    split = torch.tensor([[1, 2, 0], [3, 4, 5]], dtype=torch.int32)
-    corners = path_tracer._corners(Mesh(vertices, faces, uvs, uv_faces, split))
-    assert corners["positions"].tolist() == [0, 0, 0, 2, 0, 0, 0, 1, 0, 0, 0, 0, 0, 1, 0, 0, 0, 3]
-    assert corners["normals"].tolist() == [0, 0, 1] * 3 + [1, 0, 0] * 3
-    assert corners["texcoords"].tolist() == [0, 1, 1, 1, 0, 0, 0.5, 0.25, 0, 1, 0, 0]
-    assert corners["tangent"][3:6].tolist() == [1, 0, 0]  # of the corner with a texture vertex for itself
-    assert corners["handedness"].tolist() == [1, 1, 1, -1, -1, -1]
-    assert all(values.dtype == np.float32 for values in corners.values())
-
-
 def test_a_tamed_ray_keeps_its_colour_and_coverage_is_left_alone():
     renders = np.array([[1.0, 0.5, 0.25, 1.0]] * 3 + [[100.0, 50.0, 10.0, 0.0]])
     assert tamed(renders) == pytest.approx([6.02 / 4, 3.01 / 4, (0.75 + 0.302) / 4, 0.75])
@@ -186,17 +171,3 @@ def test_a_tamed_ray_keeps_its_colour_and_coverage_is_left_alone():
         renders[3] = brightness, 0.0, 0.0, 1.0
         assert tamed(renders)[0] == pytest.approx((3 + kept) / 4)
     assert tamed(np.zeros((4, 5, 4))).tolist() == [[0.0] * 4] * 5
-
-
-@pytest.mark.usefixtures("tracer_works")
-def test_a_texture_is_taken_as_it_is():
-    import drjit as dr
-    import mitsuba as mi
-
-    array = np.linspace(-0.9, 1.7, 48).reshape(4, 4, 3)
-    with mi.scoped_set_variant("llvm_ad_rgb"):
-        texture = mi.load_dict(path_tracer.bitmap(mi, array))
-        si = dr.zeros(mi.SurfaceInteraction3f, 3)
-        si.uv = mi.Point2f([0.375, 0.0, 1.2], [0.125, 0.625, 0.875])
-        found = np.array(texture.eval(si)).T
-    np.testing.assert_allclose(found, [array[0, 1], array[2, 0], array[3, 3]], atol=1e-5)
