@@ -9,7 +9,6 @@ from demo_scene.geometry import Part, weld
 from demo_scene.textures import Model, atlas_uv
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
-from lightprobe.imaging import resize_area, srgb_encode
 from lightprobe.imaging import resize_area
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition

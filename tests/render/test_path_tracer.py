@@ -7,7 +7,6 @@ import pytest
 import torch
 
 from lightprobe.core.errors import ConfigError
-from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
 from lightprobe.light import prefilter
 from lightprobe.render import brdf, path_tracer

@@ -110,7 +110,7 @@ class NewPhoto:
                 case Output.MASK:
                     write_mask(path, self.pixels.alpha)
                 case Output.OVERLAY:
-                    from lightprobe.localization.located import write_overlay
+                    from lightprobe.localization.locator import write_overlay
 
                     write_overlay(path, self.surroundings(), self.pixels.alpha)
 
