@@ -123,10 +123,10 @@ def measure_load(rows: int, on_ray: bool) -> int:
             "run": [f"s3://bucket/runs/object-{row // 1000:05d}" for row in range(rows)],
             "photo": [f"s3://bucket/photos/object-{row // 1000:05d}/{row:09d}.jpg" for row in range(rows)],
         }
-        pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
+        pyarrow.parquet.write_table(pyarrow.table(columns), root / "photos.parquet")
         executor: Executor = Nothing(stack.enter_context(cluster()) if on_ray else None)
         begin, used = time.perf_counter(), time.process_time()
-        asked, needs = (root / "jobs.parquet", root / "out", executor), Needs(memory=0.1)
+        asked, needs = (root / "photos.parquet", root / "out", executor), Needs(memory=0.1)
         found = predict_fleet(*asked, chunk=CHUNK, needs=needs)
         seconds, used = time.perf_counter() - begin, time.process_time() - used
         again = time.perf_counter()
@@ -154,9 +154,9 @@ def measure_photos(run: Path, photos: int, alone: int, workers: int, options: Li
         files = [test[row % len(test)] for row in range(photos)]
         files[photos // 2] = "gone.png"
         columns = {"run": [str(run.resolve())] * photos, "photo": files, "camera": [camera] * photos}
-        pyarrow.parquet.write_table(pyarrow.table(columns), root / "jobs.parquet")
-        jobs = [Job(row, str(run.resolve()), files[row], camera) for row in range(min(alone, photos))]
-        before = _alone(jobs, root, options)
+        pyarrow.parquet.write_table(pyarrow.table(columns), root / "photos.parquet")
+        rows = [TableRow(row, str(run.resolve()), files[row], camera) for row in range(min(alone, photos))]
+        before = _alone(rows, root, options)
         with cluster() as executor:
             _fleet(root, "warm", executor, options, workers, 2)  # compiles, and reads libraries
             fleet = _fleet(root, "out", executor, options, workers, photos)
