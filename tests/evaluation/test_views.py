@@ -125,7 +125,7 @@ def test_a_large_photo_s_material_is_looked_at_in_full_only_where_there_is_truth
     assert found.fx == pytest.approx(30 * reduced[0] / size[0])
 
 
-def test_a_photo_that_memory_has_no_room_for_is_refused_before_it_is_read(
+def test_a_photo_that_memory_does_not_hold_is_refused_before_it_is_read(
     photo: Photo, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[tuple[Path, tuple[int, int]]] = []
@@ -134,7 +134,7 @@ def test_a_photo_that_memory_has_no_room_for_is_refused_before_it_is_read(
         asked.append((path, size))
         raise InputError("too large")
 
-    monkeypatch.setattr(views, "check_room", refuse)
+    monkeypatch.setattr(views, "check_memory", refuse)
     with pytest.raises(InputError, match="too large"):
         TestView.load(dataclasses.replace(photo, image_path=FILE), known_decomposition(), 16, CPU)
     assert asked == [(FILE, (24, 16))]
