@@ -83,8 +83,8 @@ class _Binary:
         """Append float vertex attributes (N, C) and return the index of their accessor."""
         little = np.ascontiguousarray(values, "<f4")
         view = self.view(little.tobytes(), _ARRAY_BUFFER)
-        entry: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "type": kind}
-        entry["count"] = len(little)
+        entry: dict[str, Any] = {"bufferView": view, "componentType": _FLOAT, "count": len(little)}
+        entry["type"] = kind
         if bounds:
             entry |= {"min": little.min(0).tolist(), "max": little.max(0).tolist()}
         self.accessors.append(entry)
