@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from torch import Tensor
 
 from lightprobe.core.errors import InputError
 from lightprobe.evaluation import oracle as oracle_module
@@ -21,13 +20,8 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.photo import Photo, Scene, Truth
 from tests.known_scene import CPU, SIMILARITY, known_decomposition, write_photo
 
-AROUND = {
-    "a": (3, 1, 1),
-    "bb": (-1, 3, 0.5),
-    "ccc": (-2, -2, -1.5),
-    "dddd": (1, -1, -3),
-    "eeeee": (0.5, 0.5, 3),
-}
+PLACES = (3, 1, 1), (-1, 3, 0.5), (-2, -2, -1.5), (1, -1, -3), (0.5, 0.5, 3)
+AROUND = dict(zip(("a", "bb", "ccc", "dddd", "eeeee"), PLACES, strict=True))
 
 
 @pytest.fixture(scope="module")
@@ -62,12 +56,8 @@ def test_the_true_object_is_found_again(oracle, scene):
     common = np.intersect1d(mine.pixel.numpy(), true.pixel.numpy())
     assert len(common) > 0.97 * len(true.pixel)
     a, b = (g.select(torch.from_numpy(np.searchsorted(g.pixel.numpy(), common))) for g in (mine, true))
-    for name, tolerance in (
-        ("base_color", 0.02),
-        ("roughness", 0.02),
-        ("metallic", 0.01),
-        ("position", 0.01),
-    ):
+    tolerances = {"base_color": 0.02, "roughness": 0.02, "metallic": 0.01, "position": 0.01}
+    for name, tolerance in tolerances.items():
         assert float((getattr(a, name) - getattr(b, name)).abs().mean()) < tolerance, name
     angle = torch.rad2deg(torch.acos((a.normal * b.normal).sum(1).clamp(-1, 1)))
     assert float(angle.mean()) < 2
@@ -115,9 +105,8 @@ class Spot:
     """A point of the plane, what photo and mesh say of its surroundings, and the weight that it deserves."""
 
     place: tuple[float, float] = (4.5, 1.5)  # the middle of pixel column 4, row 1
-    inverse: dict[tuple[int, int], float] = dataclasses.field(
-        default_factory=dict
-    )  # by row and column; else 1/2
+    # by row and column; elsewhere 1/2
+    inverse: dict[tuple[int, int], float] = dataclasses.field(default_factory=dict)
     unknown: tuple[tuple[int, int], ...] = ()
     mapped: tuple[float, float, float] = (0.0, 0.0, 1.0)
     normal: tuple[float, float, float] = (0.0, 0.0, 1.0)
@@ -170,15 +159,6 @@ def test_a_photo_tells_of_the_points_that_it_shows_squarely(
         assert values[0].tolist() == pytest.approx(expected, rel=1e-4, abs=1e-5)
 
 
-def test_depth_changes_are_relative_to_the_nearest_of_nine_pixels() -> None:
-    inverse = torch.full((4, 5), 2.0)
-    inverse[0, 0], inverse[3, 4] = 1.5, 0
-    expected = torch.zeros(4, 5)
-    expected[:2, :2], expected[2:, 3:] = 0.25, 1.0
-    assert torch.equal(oracle_module._depth_range(inverse), expected)
-    assert torch.equal(oracle_module._depth_range(torch.zeros(3, 3)), torch.zeros(3, 3))
-
-
 def write_maps(folder: Path, normal: list[list[float]]) -> Truth:
     color, orm = np.array([[[0.2, 0.5, 0.05]] * 3]), np.array([[[0.9, 0.4, 0.75]] * 3])
     write_png(folder / "color.png", color, bits=16)
@@ -219,67 +199,19 @@ def test_a_scene_brings_its_object_as_a_mesh_and_three_maps_of_a_test_photo(tmp_
     assert not can_be_oracle(dataclasses.replace(whole, test=tuple(less)))
 
 
-def test_photos_are_averaged_and_what_none_shows_is_taken_from_the_nearest(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Six points in a row; weights of two photos. The second is hardly seen: its normal stays the mesh's."""
-    weights = {"a": [0.5, 0.0004, 0.0, 0.0, 0.0, 0.0012], "b": [1.5, 0.0005, 0.0, 0.0, 2.0, 0.0]}
-    values = {"a": torch.arange(8.0), "b": 10 + torch.arange(8.0)}
-
-    def seen_by(photo: Photo, *_: object) -> tuple[Tensor, Tensor]:
-        return values[photo.name].expand(6, 8), torch.tensor(weights[photo.name])[:, None]
-
-    monkeypatch.setattr(oracle_module, "_seen_by", seen_by)
-    truth = Truth(base_color=tmp_path, orm=tmp_path, normal=tmp_path)
-    photos = (
-        Photo("a", FLAT, tmp_path, truth=truth),
-        Photo("none", FLAT, tmp_path),
-        Photo("b", FLAT, tmp_path, truth=truth),
-    )
-    scene = Scene(tmp_path, "transforms", (), photos, (), Similarity(np.zeros(3), 1.0))
-    position = torch.tensor([[0.0, 0, 0], [1, 0, 0], [1.2, 0, 0], [4.4, 0, 0], [5, 0, 0], [6, 0, 0]])
-    normal = torch.tensor([[0.0, 0, 1]] * 6) * torch.arange(1, 7)[:, None]
-    triangle = torch.tensor([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), torch.tensor([[0, 1, 2]], dtype=torch.int32)
-
-    def gathered() -> list[list[float]]:
-        return [row.tolist() for row in oracle_module._gathered(*triangle, position, normal, scene)]
-
-    a, b = values["a"].tolist(), values["b"].tolist()
-    mean, mixed = [7.5 + k for k in range(8)], [10 * 5 / 9 + k for k in range(8)]
-    expected = [mean, [*mixed[:5], 0, 0, 2], [*mixed[:5], 0, 0, 3], [*b[:5], 0, 0, 4], b, a]
-    for found, row in zip(gathered(), expected, strict=True):
-        assert found == pytest.approx(row, rel=1e-3)
-    monkeypatch.setattr(
-        oracle_module, "_NEIGHBOURS", 2
-    )  # of the four seen points only the first and the third
-    assert gathered()[2] == pytest.approx([*mean[:5], 0, 0, 3], rel=1e-3)
-    monkeypatch.setattr(oracle_module, "_NEIGHBOURS", 4)
-    assert gathered()[2] == pytest.approx(expected[2], rel=1e-3)
-
-
-LEANING = (0.6, 0.0, 0.8)
+LEANING, CHART, MIRRORED = (0.6, 0.0, 0.8), [[0, 0], [1, 0], [0, 1]], [[0, 0], [0, 1], [1, 0]]
 
 
 @pytest.mark.parametrize(
     ("uvs", "n", "world", "local"),
     [
-        ([[0, 0], [1, 0], [0, 1]], (0, 0, 1), (1.2, 0, 1.6), (0.6, 0, 0.8)),
-        (
-            [[0, 0], [1, 0], [0, 1]],
-            (0, 0, 1),
-            (0, 0.6, 0.8),
-            (0, -0.6, 0.8),
-        ),  # v runs along y, the bitangent against it
-        (
-            [[0, 0], [0, 1], [1, 0]],
-            (0, 0, 1),
-            (0.6, 0, 0.8),
-            (0, -0.6, 0.8),
-        ),  # a mirrored chart: u along y, v along x
-        ([[0, 0], [0, 1], [1, 0]], (0, 0, 1), (0, 0.6, 0.8), (0.6, 0, 0.8)),
-        ([[0, 0], [1, 0], [0, 1]], LEANING, (0, 0, 1), (-0.6, 0, 0.8)),
-        ([[0, 0], [1, 0], [0, 1]], LEANING, LEANING, (0, 0, 1)),
-        ([[0, 0], [1, 0], [0, 1]], LEANING, (0, -1, 0), (0, 1, 0)),
+        (CHART, (0, 0, 1), (1.2, 0, 1.6), (0.6, 0, 0.8)),
+        (CHART, (0, 0, 1), (0, 0.6, 0.8), (0, -0.6, 0.8)),  # v runs along y, the bitangent against it
+        (MIRRORED, (0, 0, 1), (0.6, 0, 0.8), (0, -0.6, 0.8)),  # u along y, v along x
+        (MIRRORED, (0, 0, 1), (0, 0.6, 0.8), (0.6, 0, 0.8)),
+        (CHART, LEANING, (0, 0, 1), (-0.6, 0, 0.8)),
+        (CHART, LEANING, LEANING, (0, 0, 1)),
+        (CHART, LEANING, (0, -1, 0), (0, 1, 0)),
     ],
 )
 def test_normals_are_stored_along_u_against_v_and_outwards(
@@ -300,14 +232,8 @@ def test_the_mesh_is_brought_into_the_normalised_frame_and_its_edges_are_short_a
     """Two rectangles meet at an edge along y: rough at 45 degrees, smooth at 35."""
     for degrees, sharp in ((45.0, True), (35.0, False)):
         x, z = 3.2 * math.cos(math.radians(degrees)), 3.2 * math.sin(math.radians(degrees))
-        lines = [
-            "v 7 0 1",
-            "v 10.2 0 1",
-            "v 10.2 3.2 1",
-            "v 7 3.2 1",
-            f"v {7 - x} 3.2 {1 - z}",
-            f"v {7 - x} 0 {1 - z}",
-        ]
+        lines = ["v 7 0 1", "v 10.2 0 1", "v 10.2 3.2 1", "v 7 3.2 1"]
+        lines += [f"v {7 - x} {y} {1 - z}" for y in (3.2, 0)]
         (tmp_path / "mesh.obj").write_text("\n".join([*lines, "f 1 2 3", "f 1 3 4", "f 1 4 5", "f 1 5 6"]))
         scene = Scene(tmp_path, "transforms", (), (), (), Similarity(np.array([7.0, 0, 1]), 2.0))
         mesh = oracle_module._true_mesh(scene)

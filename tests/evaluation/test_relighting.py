@@ -37,49 +37,6 @@ def test_surrounding_cameras_see_a_ball_whole_and_from_all_sides():
     assert np.abs(np.mean([c.position for c in cameras], axis=0)).max() < 0.3
 
 
-def test_turntable_stands_upright_at_the_photos_distance():
-    photos = [camera_at((3 * np.cos(a), 3 * np.sin(a), 1.0)) for a in np.linspace(0, 5, 9)]
-    frames = turntable(photos, np.zeros(3), 8, 100)
-    for camera in frames:
-        camera.check("frame")
-        assert np.linalg.norm(camera.position) == pytest.approx(np.sqrt(10))
-        assert camera.camera_to_world[2, 1] > 0.8
-        assert camera.project(np.zeros((1, 3)))[0, :2] == pytest.approx([50, 50])
-    angles = np.unwrap([np.arctan2(c.position[1], c.position[0]) for c in frames])
-    assert np.abs(np.abs(np.diff(angles)) - np.pi / 4).max() < 0.02
-
-
-def test_a_camera_s_axes_are_right_up_and_away_from_the_target() -> None:
-    pose = look_at(np.array([1.0, -1.0, 3.0]), np.array([1.0, 4.0, 3.0]), UP)
-    assert pose == pytest.approx(
-        np.array([[1, 0, 0, 1], [0, 0, -1, -1], [0, 1, 0, 3], [0, 0, 0, 1]]), abs=1e-12
-    )
-    high = look_at(np.array([0.0, -4.0, 3.0]), np.zeros(3), 2 * UP)  # looks down, and its top leans forward
-    assert high[:3, 1] == pytest.approx([0, 0.6, 0.8])
-    assert high[:3, 2] == pytest.approx([0, -0.8, 0.6])
-
-
-@pytest.mark.parametrize(("distance", "side"), [(None, 64), (2.0, 30)])
-def test_surrounding_cameras_stand_on_a_fibonacci_sphere(distance: float | None, side: int) -> None:
-    """Each a turn of the golden ratio after the one before, on bands of equal area; the ball fills 98 % of
-    the side.
-    """
-    count, radius = 7, 3.0
-    apart = {} if distance is None else {"distance": distance}
-    cameras, away = surrounding(count, side, radius, **apart), distance or 4.0
-    positions = np.array([camera.position for camera in cameras]) / (away * radius)
-    assert positions[:, 2] == pytest.approx([6 / 7, 4 / 7, 2 / 7, 0, -2 / 7, -4 / 7, -6 / 7])
-    assert np.linalg.norm(positions, axis=1) == pytest.approx(np.ones(count))
-    turns = np.arctan2(positions[:, 1], positions[:, 0]) / (2 * np.pi)
-    golden = 0.6180339887498949
-    assert np.diff(turns) % 1 == pytest.approx(np.full(count - 1, golden))
-    assert turns[0] % 1 == pytest.approx((golden + 1) / 2)
-    for camera in cameras:
-        assert camera.fx == camera.fy == pytest.approx(0.98 * side / 2 / np.tan(np.arcsin(1 / away)))
-        assert (camera.cx, camera.cy, camera.width, camera.height) == (side / 2, side / 2, side, side)
-        assert camera.camera_to_world[2, 1] > 0
-
-
 def photo(
     offset: tuple[float, ...], up: tuple[float, ...], fx: float = 50.0, size: tuple[int, int] = (50, 50)
 ) -> Camera:

@@ -138,15 +138,3 @@ def test_a_photo_that_memory_has_no_room_for_is_refused_before_it_is_read(
     with pytest.raises(InputError, match="too large"):
         TestView.load(dataclasses.replace(photo, image_path=FILE), known_decomposition(), 16, CPU)
     assert asked == [(FILE, (24, 16))]
-
-
-@pytest.mark.parametrize(
-    ("width", "reduced"), [(1024, (1024, 1024)), (2048, (1448, 724)), (1030, (1027, 1021))]
-)
-def test_a_photo_s_material_is_looked_at_in_a_million_pixels_at_most(
-    width: int, reduced: tuple[int, int]
-) -> None:
-    """2^20, to be exact."""
-    camera = Camera(np.eye(4), 900.0, 900.0, 500.0, 500.0, width, 1024)
-    found = views._material_camera(Photo("a", camera, FILE), camera)
-    assert (found.width, found.height) == reduced

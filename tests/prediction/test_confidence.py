@@ -124,12 +124,6 @@ def test_colors_brighten_over_the_range_and_stay_at_its_ends():
     assert np.ptp(luma) > 0.6
 
 
-def test_a_confidence_has_the_same_color_in_every_picture():
-    alone, beside = confidence_colors(np.full((2, 4), 0.45)), confidence_colors(np.array([[0.3, 0.45, 0.5]]))
-    assert alone.shape == (2, 4, 3)
-    assert alone[0, 0] == pytest.approx(beside[0, 1])
-
-
 def test_the_bar_has_the_pictures_colors():
     stops = [
         f"#{''.join(f'{round(255 * c):02x}' for c in color)}" for color in confidence_colors(np.array(TICKS))

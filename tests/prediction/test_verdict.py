@@ -133,11 +133,6 @@ def test_a_doubtful_photo_is_named_so_and_trusted_less(predictor, photo, kind):
     assert float(doubtful.confidence.mean()) < 0.85 * float(good.confidence.mean())
 
 
-def test_a_photo_flipped_left_to_right_is_noticed(predictor, photo):
-    flipped = Pixels.of(photo.color[:, ::-1].copy(), photo.alpha[:, ::-1].copy())
-    assert verdict_on(predictor, flipped).status is not PhotoStatus.GOOD
-
-
 def test_the_verdict_is_the_photos_not_the_methods(predictor, photo):
     verdicts = [
         predictor.predict(photo, CAMERA, method).verdict for method in (Method.CONSTANT, Method.SOLVE)

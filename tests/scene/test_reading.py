@@ -180,16 +180,6 @@ def test_validation_photos_test_when_there_are_no_test_photos(tmp_path):
     assert [photo.name for photo in reading.photos[Split.TEST]] == ["val0", "val1"]
 
 
-def test_named_test_photos_of_nerfstudio(tmp_path):
-    root = write_nerfstudio(tmp_path / "scene", views(COUNT))
-    data = json.loads((root / "transforms.json").read_text())
-    data["test_filenames"] = ["images/view_02.jpg"]
-    (root / "transforms.json").write_text(json.dumps(data))
-    reading = read_folder(root, Problems())
-    assert [photo.name for photo in reading.photos[Split.TEST]] == ["view_02"]
-    assert len(reading.photos[Split.TRAIN]) == COUNT - 1
-
-
 def test_missing_extension_and_shared_intrinsics(tmp_path):
     root = write_nerfstudio(tmp_path / "scene", views(COUNT))
     data = json.loads((root / "transforms.json").read_text())

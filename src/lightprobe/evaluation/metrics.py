@@ -147,13 +147,13 @@ def environment_log_rmse(difference: Tensor, weight: Tensor | None = None) -> fl
     return math.sqrt(float((share[..., None] * difference**2).sum() / (3 * share.sum().clamp_min(1e-12))))
 
 
-def brightest(truth: Tensor, share: float = BRIGHTEST) -> Tensor:
-    """Return the texels (6, R, R) bool of highest radiance that fill `share` of the sphere, at least one."""
+def brightest(truth: Tensor) -> Tensor:
+    """Return the texels (6, R, R) bool of highest radiance that fill 1 % of the sphere, at least one."""
     solid = cubemap.solid_angles(truth.shape[1]).to(truth).reshape(-1)
     order = torch.argsort(truth.mean(-1).reshape(-1), descending=True, stable=True)
     before = solid[order].cumsum(0) - solid[order]
     chosen = torch.zeros_like(solid, dtype=torch.bool)
-    chosen[order[before < share * 4 * math.pi]] = True
+    chosen[order[before < BRIGHTEST * 4 * math.pi]] = True
     return chosen.reshape(truth.shape[:3])
 
 

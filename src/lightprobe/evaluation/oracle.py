@@ -76,9 +76,8 @@ def true_asset(scene: Scene) -> Asset:
     mesh = _true_mesh(scene)
     size = min(_LARGEST_TEXTURE, triangle_atlas_size(len(mesh.faces), _TEXELS_PER_FACE))
     uvs, uv_faces = triangle_atlas(len(mesh.faces), size)
-    mesh = replace(
-        mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=torch.from_numpy(uv_faces.astype(np.int32))
-    )
+    corners = torch.from_numpy(uv_faces.astype(np.int32))
+    mesh = replace(mesh, uvs=torch.from_numpy(uvs).float(), uv_faces=corners)
     face, barycentric, texel = texel_points(mesh, size)
     position = (mesh.vertices[mesh.faces[face].long()] * barycentric[..., None]).sum(1)
     smooth = (mesh.normals()[mesh.normal_index[face].long()] * barycentric[..., None]).sum(1)

@@ -62,11 +62,12 @@ def look_at(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndar
     return pose
 
 
-def surrounding(count: int, side: int, radius: float, distance: float = 4.0) -> list[Camera]:
+def surrounding(count: int, side: int, radius: float) -> list[Camera]:
     """Return `count` square cameras evenly all around the origin that each see a ball of `radius` whole.
 
-    They stand on a Fibonacci sphere at `distance` radii.
+    They stand on a Fibonacci sphere at four radii.
     """
+    distance = 4.0
     number = np.arange(count) + 0.5
     z, turn = 1 - 2 * number / count, math.pi * (1 + math.sqrt(5)) * number
     ring = np.sqrt(1 - z * z)

@@ -127,14 +127,11 @@ def light_accuracy(
     if not found[shown]:
         return None
     diffuse, matte, mirror = (_mean([outcome.spheres[name] for outcome in found[shown]]) for name in SPHERES)
-    return LightAccuracy(
-        shown.value,
-        len(found[shown]),
+    error, scales = (
         _mean([outcome.error for outcome in found[shown]]),
-        (diffuse, matte, mirror),
-        _scale(found[fitted]),
-        _scale(found[estimated]),
+        (_scale(found[m]) for m in (fitted, estimated)),
     )
+    return LightAccuracy(shown.value, len(found[shown]), error, (diffuse, matte, mirror), *scales)
 
 
 @dataclass(frozen=True)

@@ -83,11 +83,8 @@ class ThreeSpheres:
             coarse = equirect.sample(tone_mapped, equirect.directions(_LOBE_HEIGHT).reshape(-1, 3))
         even = torch.full((len(self.normals),), 1 / len(self.normals))
         texels = Disc(tone_mapped.reshape(-1, 3), equirect.solid_angles(height).reshape(-1) / (4 * math.pi))
-        return {
-            "diffuse": Disc(self._diffuse @ coarse, even),
-            "matte": Disc(self._matte @ coarse, even),
-            "mirror": texels,
-        }
+        diffuse, matte = Disc(self._diffuse @ coarse, even), Disc(self._matte @ coarse, even)
+        return dict(zip(SPHERES, (diffuse, matte, texels), strict=True))
 
     def picture(self, map: Tensor, mirror_side: int = 128) -> Tensor:
         """Return the three spheres side by side on black, (S, 3 S, 3) with S = `mirror_side`, under a linear

@@ -150,10 +150,8 @@ class MaterialScores:
         size = view.gbuffer.height, view.gbuffer.width
         chosen = view.mask.reshape(-1)[view.gbuffer.pixel]
         pixel = view.gbuffer.pixel[chosen].cpu().numpy()
-        color, orm, normal = (
-            None if values is None else values.reshape(-1, 3)[pixel]
-            for values in material_maps(view.photo.truth, size)
-        )
+        maps = material_maps(view.photo.truth, size)
+        color, orm, normal = (None if values is None else values.reshape(-1, 3)[pixel] for values in maps)
         if color is not None:
             self._colors.append((view.gbuffer.base_color[chosen].cpu(), torch.from_numpy(color)))
         if orm is not None:

@@ -50,9 +50,9 @@ class KnownObject:
         screen = View.of(fine, self.mesh.vertices.device).project(self.mesh.vertices)
         face = rasterize(screen, self.mesh.faces, fine.height, fine.width).face
         covered = (face >= 0).to(torch.uint8).cpu().numpy()
-        return (
-            resize_area(covered, camera.height, camera.width) if samples > 1 else covered.astype(np.float32)
-        )
+        if samples == 1:
+            return covered.astype(np.float32)
+        return resize_area(covered, camera.height, camera.width)
 
     def inside_share(self, camera: Camera) -> float:
         """Return the share of the vertices, hidden or not, that project into the camera's picture, 0 to 1."""

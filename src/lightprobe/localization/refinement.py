@@ -33,10 +33,7 @@ from lightprobe.scene.overlay import outline
 
 _SOFTNESS = 0.15  # of appearance: a step of this size counts half
 _TOLERANCE = 0.5  # of appearance, between the object under a coarse light and the photo
-_PIXELS, _OUTLINE = (
-    600,
-    160,
-)  # that a step looks at, of an object of 80 pixels and more; of a smaller one fewer
+_PIXELS, _OUTLINE = 600, 160  # that a step looks at, of an object of 80 pixels; fewer of a smaller one
 _PULL = 0.03  # to a grey light, relative to what the pixels weigh
 _DARK = 0.05  # of the mean colour: darker pixels weigh no more
 _ERROR = 0.15  # relative, of a right pose's pixels; larger ones weigh less

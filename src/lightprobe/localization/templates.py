@@ -267,12 +267,9 @@ def _scores(patches: Tensor, bank: _Bank) -> Tensor:
 def _distinct(found: list[Detection], count: int) -> list[Detection]:
     chosen: list[Detection] = []
     for detection in found:
-        near = (
-            other.view == detection.view
-            and np.hypot(*np.subtract(other.center, detection.center)) < 0.25 * other.side
-            for other in chosen
-        )
-        if not any(near):
+        same = [other for other in chosen if other.view == detection.view]
+        away = (np.hypot(*np.subtract(one.center, detection.center)) - 0.25 * one.side for one in same)
+        if all(distance >= 0 for distance in away):
             chosen.append(detection)
         if len(chosen) == count:
             break

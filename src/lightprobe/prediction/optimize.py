@@ -134,13 +134,12 @@ def _groups(start: Tensor, config: OptimizeConfig) -> list[ParameterGroup]:
         "smooth": (BLOCKS, config.smooth_learning_rate, config.damping),
         "texels": (start.shape[1], config.learning_rate, config.damping),
     }
-    return [
-        ParameterGroup(
-            {name: torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)}, rate, damping
-        )
-        for name, (side, rate, damping) in sizes.items()
-        if rate > 0
-    ]
+
+    def zeros(side: int) -> Tensor:
+        return torch.zeros(6, side, side, 3, device=start.device, requires_grad=True)
+
+    moving = ((name, *values) for name, values in sizes.items() if values[1] > 0)
+    return [ParameterGroup({name: zeros(side)}, rate, damping) for name, side, rate, damping in moving]
 
 
 def refine_environment(observation: Observation, prior: Tensor, config: OptimizeConfig, seed: int) -> Tensor:

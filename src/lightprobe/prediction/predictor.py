@@ -265,13 +265,10 @@ class Predictor:
         """Return a map fitted to the pixels of so many photos."""
         if method in _SOLVED:
             return solve_environment(observation, prior, self.solve_config, self.seed)
-        fit, config = (
-            (optimize_environment, self.optimize_config)
-            if method is Method.OPTIMIZE
-            else (refine_environment, self.refine_config)
-        )
+        config = self.optimize_config if method is Method.OPTIMIZE else self.refine_config
         # as many pixels of each photo at every step as one photo alone has
         config = replace(config, pixels=config.pixels * photos, batch=config.batch * photos)
+        fit = optimize_environment if method is Method.OPTIMIZE else refine_environment
         return fit(observation, prior, config, self.seed)
 
 

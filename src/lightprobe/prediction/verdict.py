@@ -85,10 +85,8 @@ class PhotoVerdict:
     def status(self) -> PhotoStatus:
         """The worst finding's status."""
         found = {status for status, _ in self._findings()}
-        return next(
-            (status for status in (PhotoStatus.REFUSED, PhotoStatus.DOUBTFUL) if status in found),
-            PhotoStatus.GOOD,
-        )
+        order = (PhotoStatus.REFUSED, PhotoStatus.DOUBTFUL)
+        return next((status for status in order if status in found), PhotoStatus.GOOD)
 
     @property
     def sentences(self) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ _ROUNDS = 3  # of fitting colours and cutting
 _SMALLEST = 0.02  # of the largest piece's pixels: smaller pieces and holes are noise
 
 
-def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
+def cut(color: np.ndarray, trimap: np.ndarray) -> np.ndarray:
     """Return the object (h, w) bool in a photo (h, w, 3) uint8, by a trimap (h, w) uint8.
 
     Where the trimap has no object or no background at all, it is the answer. Raises `ConfigError` without
@@ -32,7 +32,7 @@ def cut(color: np.ndarray, trimap: np.ndarray, seed: int = 0) -> np.ndarray:
     labels = np.ascontiguousarray(trimap[box])
     if (labels != BACKGROUND).all() or not (labels & 1).any():
         return (trimap & 1).astype(bool)
-    cv2.setRNGSeed(seed)
+    cv2.setRNGSeed(0)
     models = np.zeros((1, 65)), np.zeros((1, 65))
     picture = np.ascontiguousarray(color[box][..., ::-1])
     cv2.grabCut(picture, labels, None, *models, _ROUNDS, cv2.GC_INIT_WITH_MASK)

@@ -93,14 +93,9 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
         database = folder / "features.db"
         for name, picture in looked_at.items():
             Image.fromarray(picture).save(folder / name, compress_level=0)
-        pycolmap.extract_features(
-            database,
-            folder,
-            list(looked_at),
-            pycolmap.CameraMode.PER_IMAGE,
-            extraction_options=options,
-            device=pycolmap.Device.cpu,
-        )
+        each, cpu = pycolmap.CameraMode.PER_IMAGE, pycolmap.Device.cpu
+        named_files = database, folder, list(looked_at)
+        pycolmap.extract_features(*named_files, each, extraction_options=options, device=cpu)
         opened = pycolmap.Database.open(database)
         found = [_stored(opened, name, picture) for name, picture in named.items()]
         opened.close()

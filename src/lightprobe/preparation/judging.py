@@ -105,11 +105,9 @@ def spread(inside: Sequence[np.ndarray], matches: Matches) -> list[np.ndarray]:
 
 def central(photos: Sequence[Features]) -> list[np.ndarray]:
     """Return which features lie around the middle of their photos, (N,) bool each."""
-    return [
-        np.linalg.norm(features.points - [features.width / 2, features.height / 2], axis=1)
-        < _CENTRAL * max(features.width, features.height)
-        for features in photos
-    ]
+    offsets = (each.points - [each.width / 2, each.height / 2] for each in photos)
+    pairs = zip(offsets, photos, strict=True)
+    return [np.linalg.norm(off, axis=1) < _CENTRAL * max(each.width, each.height) for off, each in pairs]
 
 
 class ObjectMatches:
@@ -168,9 +166,8 @@ def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarra
     options = pycolmap.RANSACOptions()
     options.max_error, options.random_seed = _OFF * max(a.width, a.height), seed
     options.max_num_trials = _TRIALS
-    found = pycolmap.estimate_fundamental_matrix(
-        a.points[rows[:, 0]].astype(np.float64), b.points[rows[:, 1]].astype(np.float64), options
-    )
+    points = (each.points[rows[:, k]].astype(np.float64) for k, each in enumerate((a, b)))
+    found = pycolmap.estimate_fundamental_matrix(*points, options)
     return np.zeros(len(rows), bool) if found is None else np.asarray(found["inlier_mask"], bool)
 
 

@@ -168,11 +168,8 @@ def _write(
     database = pycolmap.Database.open(path)
     for index, features in enumerate(photos):
         size, told = (features.width, features.height), focal[index]
-        key = {
-            Lenses.AS_TOLD: (size, None if told is None else round(told, 3)),
-            Lenses.BY_SIZE: size,
-            Lenses.EACH_ITS_OWN: index,
-        }[lenses]
+        by_file = size, None if told is None else round(told, 3)
+        key = {Lenses.AS_TOLD: by_file, Lenses.BY_SIZE: size, Lenses.EACH_ITS_OWN: index}[lenses]
         if key not in groups:
             groups[key] = _write_camera(pycolmap, database, size, told if lenses is Lenses.AS_TOLD else None)
         image = pycolmap.Image(name=f"{index}", camera_id=groups[key], image_id=index + 1)

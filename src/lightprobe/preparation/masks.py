@@ -251,10 +251,8 @@ def carve(
     agreement: share of the photos that see a place whose masks must hold it.
     """
     photos = [photo for photo in masks if masks[photo].any()]
-    cameras, alphas = (
-        [views[photo].camera for photo in photos],
-        [masks[photo].astype(np.float32) for photo in photos],
-    )
+    cameras = [views[photo].camera for photo in photos]
+    alphas = [masks[photo].astype(np.float32) for photo in photos]
     try:
         similarity = find_similarity(cameras, alphas)
     except InputError:

@@ -140,17 +140,16 @@ def _solve(
     cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
     if all(photo.cutout for photo in photos):
         return cutting  # nothing but the object was matched
-    everywhere = [np.ones(len(each.points), bool) for each in features]
-    masked = features_inside(
-        cutting, features, moving_features(features, matches) if choice.moving else everywhere
-    )
+    otherwise = [np.ones(len(each.points), bool) for each in features]
+    if choice.moving:
+        otherwise = moving_features(features, matches)
+    masked = features_inside(cutting, features, otherwise)
     masked_key = key_of(key, [key_of(flags.tolist()) for flags in masked])
-    second = kept_choice(
-        cache,
-        "cameras-within-masks",
-        masked_key,
-        lambda: within_masks(features, focal, masked, choice, seed=options.seed),
-    )
+
+    def again() -> Choice:
+        return within_masks(features, focal, masked, choice, seed=options.seed)
+
+    second = kept_choice(cache, "cameras-within-masks", masked_key, again)
     if second.kept.name == choice.kept.name:
         return replace(cutting, choice=second)
     return cut_rounds(photos, seen, second, known, set(given), own, options, on_progress)

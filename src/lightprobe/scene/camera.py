@@ -84,13 +84,8 @@ class Camera:
     def resized(self, width: int, height: int) -> "Camera":
         """Return the camera of the same view in an image of another size."""
         sx, sy = width / self.width, height / self.height
-        scaled: dict[str, Any] = {
-            "fx": self.fx * sx,
-            "fy": self.fy * sy,
-            "cx": self.cx * sx,
-            "cy": self.cy * sy,
-        }
-        return replace(self, **scaled, width=width, height=height)
+        across, down = {"fx": self.fx * sx, "cx": self.cx * sx}, {"fy": self.fy * sy, "cy": self.cy * sy}
+        return replace(self, width=width, height=height, **across, **down)  # type: ignore[arg-type]
 
     def scaled(self, factor: float) -> "Camera":
         """Return the camera of the same view with `factor` times as long sides, of at least a pixel."""

@@ -41,12 +41,8 @@ _NAMES = [
     "EUCM",
     "EQUIRECTANGULAR",
 ]  # COLMAP's camera models by their numbers
-_COUNTS = dict(
-    zip(_NAMES, (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2), strict=True)
-)  # of parameters
-_ONE_FOCAL = frozenset(
-    {"SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"}
-)
+_PARAMETERS = (3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2)
+_COUNTS = dict(zip(_NAMES, _PARAMETERS, strict=True))
 # What follows focal lengths and principal point in the parameters of each model that is read
 _LENSES: dict[str, Callable[..., Lens]] = {
     "SIMPLE_PINHOLE": Lens,
@@ -153,7 +149,7 @@ def _camera(lens: _Model, view: _View, source: str) -> Camera:
     """Return the pinhole camera of a view, with its lens; raise `InputError` for models that are not read."""
     if lens.model not in _LENSES:
         raise InputError(f"{source} has the camera model {shown(lens.model)}, which is not read; {ADVICE}.")
-    split = 1 if lens.model in _ONE_FOCAL else 2
+    split = 1 if lens.model.startswith(("SIMPLE", "RADIAL")) else 2  # focal lengths
     focal, (cx, cy, *distortion) = lens.parameters[:split], lens.parameters[split:]
     camera = Camera(_pose(view, source), focal[0], focal[-1], cx, cy, lens.width, lens.height)
     camera.check(source)

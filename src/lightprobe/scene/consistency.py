@@ -80,9 +80,8 @@ def diagnose(cameras: Sequence[Camera], alphas: Sequence[np.ndarray], found: flo
     best, sentence = max(trials, key=lambda trial: trial[0])
     if best < max(found + _CLEARLY_BETTER, _CONVINCING):
         return None
-    return (
-        f"{sentence} (the visual hull then agrees with the masks at IoU {best:.2f} instead of {found:.2f})."
-    )
+    better = f"IoU {best:.2f} instead of {found:.2f}"
+    return f"{sentence} (the visual hull then agrees with the masks at {better})."
 
 
 Change = Callable[[Camera, np.ndarray], tuple[Camera, np.ndarray]]

@@ -83,9 +83,8 @@ class Inspection:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
             center = ", ".join(f"{value:.4g}" for value in self.similarity.center)
-            facts.append(
-                f"object   centre ({center}), radius {self.similarity.scale:.4g} in the scene's units"
-            )
+            radius = f"{self.similarity.scale:.4g}"
+            facts.append(f"object   centre ({center}), radius {radius} in the scene's units")
         if self.mean_iou is not None:
             facts.append(_agreement(self.photos, self.mean_iou))
         return [*facts, *numbered("problem", self.problems), *numbered("hint", self.hints)]

@@ -204,9 +204,8 @@ class _Opened:
         def planes(first: int, last: int) -> np.ndarray:
             color, alpha, _ = self.rows(first, last)
             plain = self._resampling is None
-            return np.dstack(
-                [color, alpha, white(first, last) if plain else self._straight(white, first, last)]
-            )
+            share = white(first, last) if plain else self._straight(white, first, last)
+            return np.dstack([color, alpha, share])
 
         small = resize_rows(planes, (*self.size, 7), height, width)
         self.check_seen()

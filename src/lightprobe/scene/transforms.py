@@ -30,13 +30,8 @@ _GUESSED_SUFFIXES = (
 )
 _PINHOLE_MODELS = frozenset({"OPENCV", "FULL_OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL"})
 _FISHEYE_MODELS = frozenset({"OPENCV_FISHEYE", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE"})
-_TRUTH_KEYS = {
-    "environment": "env_path",
-    "linear": "hdr_path",
-    "base_color": "basecolor_path",
-    "orm": "orm_path",
-    "normal": "normal_path",
-}
+_TRUTH_KEYS = {"environment": "env_path", "linear": "hdr_path"}
+_TRUTH_KEYS |= {"base_color": "basecolor_path", "orm": "orm_path", "normal": "normal_path"}
 
 
 def read_transforms(root: Path, problems: Problems) -> list[Frame]:
@@ -52,9 +47,8 @@ def _files(root: Path) -> list[tuple[str, Split | None]]:
     """Return the camera files that apply, each with the split of its frames; None where none is given."""
     if not (root / TRAIN).is_file():
         return [(SINGLE, None)]
-    test = next(
-        (name for name in ("transforms_test.json", "transforms_val.json") if (root / name).is_file()), None
-    )
+    names = ("transforms_test.json", "transforms_val.json")
+    test = next((name for name in names if (root / name).is_file()), None)
     files: list[tuple[str, Split | None]] = [(TRAIN, Split.TRAIN if test else None)]
     files += [(test, Split.TEST)] if test else []
     return files + ([(RELIGHT, Split.RELIGHT)] if (root / RELIGHT).is_file() else [])
