@@ -8,7 +8,7 @@ from torch import Tensor
 
 from lightprobe.core.config.rendering import RenderConfig, Renderer
 from lightprobe.evaluation import relighting
-from lightprobe.evaluation.relighting import Relighter, look_at, relight, surrounding, turntable
+from lightprobe.evaluation.relighting import Relighter, cameras_around, look_at, relight, turntable
 from lightprobe.light.environment import Environment
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Camera
@@ -26,7 +26,7 @@ def test_look_at_is_a_rigid_camera_with_the_target_in_the_middle(position):
 
 
 def test_surrounding_cameras_see_a_ball_whole_and_from_all_sides():
-    cameras = surrounding(40, 64, radius=2.0)
+    cameras = cameras_around(40, 64, radius=2.0)
     rim = 2.0 * np.random.default_rng(0).normal(size=(500, 3))
     rim = 2.0 * rim / np.linalg.norm(rim, axis=1, keepdims=True)
     for camera in cameras:

@@ -12,14 +12,14 @@ from lightprobe.localization.templates import (
     detected_camera,
     make_templates,
     search,
-    surrounding_views,
+    views_around,
 )
 from tests.painted_object import CPU, photo_of, view_from
 
 
 def test_views_surround_the_cameras_and_nothing_else():
     cameras = [view_from((2.5, 0.3, 0.8)), view_from((0.2, 2.5, 0.8))]
-    views = surrounding_views(cameras, spacing=10, reach=20)
+    views = views_around(cameras, spacing=10, reach=20)
     known = [camera.position / np.linalg.norm(camera.position) for camera in cameras]
     angles = [
         np.degrees(np.arccos(max(v.position @ k / np.linalg.norm(v.position) for k in known))) for v in views

@@ -62,7 +62,7 @@ def look_at(position: np.ndarray, target: np.ndarray, up: np.ndarray) -> np.ndar
     return pose
 
 
-def surrounding(count: int, side: int, radius: float) -> list[Camera]:
+def cameras_around(count: int, side: int, radius: float) -> list[Camera]:
     """Return `count` square cameras evenly all around the origin that each see a ball of `radius` whole.
 
     They stand on a Fibonacci sphere at four radii.

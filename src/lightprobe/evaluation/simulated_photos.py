@@ -38,7 +38,7 @@ from lightprobe.scene.photo import Pixels
 
 _SEED = 847_210_559  # of lights and photos; no training has the same by chance
 _LARGEST_SIDE = 320  # pixels: what is predicted from larger photos is hardly better
-_LARGEST_MAP = 32  # texels along a cubemap edge: those of the paper's 128 take minutes
+_LARGEST_MAP = 32  # texels along a cubemap edge: maps of the paper's 128 take minutes
 
 
 @dataclass(frozen=True)

@@ -107,7 +107,7 @@ class ThreeSpheres:
 
 
 def sphere_scores(mine: dict[str, Disc], true: dict[str, Disc]) -> dict[str, float]:
-    """Return the errors of the discs of one map against those of the true one, as `<sphere>_<error>`.
+    """Return the errors of one map's discs against the true map's, as `<sphere>_<error>`.
 
     Errors that are not defined for a black map are nan.
     """

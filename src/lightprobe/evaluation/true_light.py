@@ -15,14 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from lightprobe.evaluation.metrics import (
-    aligned,
-    brightest,
-    channel_scale,
-    environment_log_rmse,
-    log_difference,
-    psnr,
-)
+from lightprobe.evaluation import metrics
 from lightprobe.evaluation.three_spheres import HEIGHT, Disc, ThreeSpheres, reduced, sphere_scores
 from lightprobe.imaging import read_hdr, srgb_encode
 from lightprobe.light import cubemap, equirect, prefilter
@@ -76,16 +69,18 @@ class TrueLight:
 
         Errors over the brightest percent of the true light are raw and after the whole map's one factor.
         """
-        difference = log_difference(prediction.environment.texels, self.environment.texels)
-        bright = brightest(self.environment.texels)
+        difference = metrics.log_difference(prediction.environment.texels, self.environment.texels)
+        bright = metrics.brightest(self.environment.texels)
         shown = equirect.from_cubemap(prediction.environment.texels.cpu(), self.height)
         return {
-            "light_log_rmse": environment_log_rmse(difference),
-            "light_log_rmse_confident": environment_log_rmse(difference, prediction.confidence),
-            "light_log_rmse_scaled": environment_log_rmse(aligned(difference)),
-            "light_log_rmse_channels": environment_log_rmse(aligned(difference, per_channel=True)),
-            "light_log_rmse_bright": environment_log_rmse(difference, bright),
-            "light_log_rmse_bright_scaled": environment_log_rmse(aligned(difference), bright),
+            "light_log_rmse": metrics.environment_log_rmse(difference),
+            "light_log_rmse_confident": metrics.environment_log_rmse(difference, prediction.confidence),
+            "light_log_rmse_scaled": metrics.environment_log_rmse(metrics.aligned(difference)),
+            "light_log_rmse_channels": metrics.environment_log_rmse(
+                metrics.aligned(difference, per_channel=True)
+            ),
+            "light_log_rmse_bright": metrics.environment_log_rmse(difference, bright),
+            "light_log_rmse_bright_scaled": metrics.environment_log_rmse(metrics.aligned(difference), bright),
             **sphere_scores(self.spheres.light(shown), self.discs),
         }
 
@@ -99,9 +94,9 @@ class ConfidenceBins:
 
     def add(self, prediction: Prediction, true: Environment) -> None:
         """Add a map with its truth."""
-        difference = log_difference(prediction.environment.texels, true.texels)
+        difference = metrics.log_difference(prediction.environment.texels, true.texels)
         angle = cubemap.solid_angles(true.resolution)
-        errors = [d.square().mean(-1).cpu() for d in (difference, aligned(difference))]
+        errors = [d.square().mean(-1).cpu() for d in (difference, metrics.aligned(difference))]
         self._rows.append(torch.stack([prediction.confidence.cpu(), angle, *errors], -1).reshape(-1, 4))
 
     def result(self) -> list[Scores]:
@@ -154,9 +149,9 @@ class StandIn:
         operator = prefilter.cached(environment.resolution, environment.device)
         levels = [operator.apply(light.texels) for light in (environment, true)]
         mine, theirs = (torch.cat([shade(view, operator, stack) for view in views]) for stack in levels)
-        scaled = mine * channel_scale(mine, theirs)
+        scaled = mine * metrics.channel_scale(mine, theirs)
         shown = srgb_encode(theirs.clamp(0, 1))
         return {
-            "relit_psnr": psnr(srgb_encode(mine.clamp(0, 1)), shown),
-            "relit_psnr_scaled": psnr(srgb_encode(scaled.clamp(0, 1)), shown),
+            "relit_psnr": metrics.psnr(srgb_encode(mine.clamp(0, 1)), shown),
+            "relit_psnr_scaled": metrics.psnr(srgb_encode(scaled.clamp(0, 1)), shown),
         }

@@ -16,7 +16,7 @@ from torch import Tensor
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.evaluation.metrics import channel_scale, image_scores, mean_angle, on_white, psnr
-from lightprobe.evaluation.relighting import Relighter, surrounding
+from lightprobe.evaluation.relighting import Relighter, cameras_around
 from lightprobe.evaluation.views import TestView
 from lightprobe.imaging import read_hdr, read_ldr, srgb_encode
 from lightprobe.kernels import rasterize
@@ -76,7 +76,7 @@ def outer_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     v, f = torch.as_tensor(vertices, dtype=torch.float32), torch.as_tensor(np.asarray(faces, np.int32))
     seen = np.zeros(len(f), bool)
-    for camera in surrounding(_VIEWS, _SIDE, float(np.linalg.norm(vertices, axis=1).max())):
+    for camera in cameras_around(_VIEWS, _SIDE, float(np.linalg.norm(vertices, axis=1).max())):
         view = View.of(camera, v.device)
         face = rasterize(view.project(v), f, view.height, view.width).face
         seen[face[face >= 0].numpy()] = True

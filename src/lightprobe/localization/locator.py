@@ -12,21 +12,11 @@ import scipy
 import torch
 from PIL import Image
 
+from lightprobe import imaging
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import atomic_path, write_json
 from lightprobe.core.run import RunFolder
-from lightprobe.imaging import (
-    focal_ratio,
-    image_size,
-    read_mask,
-    read_photo,
-    shrink_area,
-    srgb_encode,
-    turned_size,
-    worked_size,
-    write_mask,
-)
 from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.foreground import hidden_share, magnified
 from lightprobe.localization.known_object import KnownObject
@@ -80,7 +70,7 @@ class Located:
 
     def save_mask(self, path: Path) -> None:
         """Write the mask at the photo's size as PNG, white object on black."""
-        write_mask(Path(path), self.mask, (self.camera.height, self.camera.width))
+        imaging.write_mask(Path(path), self.mask, (self.camera.height, self.camera.width))
 
     def save_overlay(self, path: Path) -> None:
         """Write the photo with the outline of the mask over it, as PNG of at most 1024 pixels."""
@@ -89,9 +79,9 @@ class Located:
 
 def write_overlay(path: Path, color: np.ndarray, mask: np.ndarray) -> None:
     """Write a linear photo (H, W, 3) with the outline of a mask (H, W) as PNG of at most 1024 pixels."""
-    picture = srgb_encode(np.clip(shrink_area(color, _OVERLAY_SIDE), 0, 1))
+    picture = imaging.srgb_encode(np.clip(imaging.shrink_area(color, _OVERLAY_SIDE), 0, 1))
     shown = np.rint(255 * picture).astype(np.uint8)
-    inside = shrink_area(mask, _OVERLAY_SIDE) >= 0.5
+    inside = imaging.shrink_area(mask, _OVERLAY_SIDE) >= 0.5
     outline = scipy.ndimage.binary_dilation(inside) & ~inside
     if max(inside.shape) >= _OVERLAY_SIDE // 2:
         outline = scipy.ndimage.binary_dilation(outline)  # as thick as in small pictures
@@ -140,12 +130,12 @@ class Locator:
         for is_so, word in ((color.max() <= _BLACK, "black"), (clipped.mean() >= _WHITE, "white")):
             if is_so:
                 raise InputError(f"{image} is {word} all over.")
-        width, height = image_size(image)
+        width, height = imaging.image_size(image)
         if focal is None:
-            ratio = focal_ratio(image)
+            ratio = imaging.focal_ratio(image)
             focal = None if ratio is None else ratio * max(width, height)
         seen = color if given is None else color * given[..., None]
-        small = shrink_area(seen, _SIDE)
+        small = imaging.shrink_area(seen, _SIDE)
         if min(small.shape[:2]) < _NARROWEST:
             raise InputError(
                 f"{image} has {width} x {height} pixels, too narrow a strip to find the object in."
@@ -232,18 +222,20 @@ def stored_views(run: RunFolder, decomposition: Decomposition) -> KnownViews:
 
 def _read(image: Path, mask: Path | None) -> tuple[np.ndarray, np.ndarray | None, np.ndarray]:
     """Return linear colour (H, W, 3), coverage (H, W) or None, and what is clipped (H, W, 3) bool."""
-    width, height = image_size(image)
+    width, height = imaging.image_size(image)
     turn = 1 if mask is None else mask_turn(mask, image, (width, height))
-    found = (width, height) if mask is None else turned_size(image_size(mask, orient=False), turn)
+    found = (
+        (width, height) if mask is None else imaging.turned_size(imaging.image_size(mask, orient=False), turn)
+    )
     if found != (width, height):
         raise InputError(
             f"{mask} has {found[0]} x {found[1]} pixels, but its photo has {width} x {height}; a mask needs the size "
             "of its photo."
         )
-    size = worked_size(image, (height, width))
-    color, alpha, clipped = read_photo(image, size=size)
+    size = imaging.worked_size(image, (height, width))
+    color, alpha, clipped = imaging.read_photo(image, size=size)
     if mask is not None:
-        alpha = read_mask(mask, turn=turn, size=size)
+        alpha = imaging.read_mask(mask, turn=turn, size=size)
     if alpha is None or float(alpha.min()) > 0.99:
         return color, None, clipped
     if float(alpha.max()) < 0.5:

@@ -89,7 +89,7 @@ def centred(camera: Camera) -> Camera:
     return Camera(pose, focal, focal, 0.5 * side, 0.5 * side, side, side)
 
 
-def surrounding_views(cameras: Sequence[Camera], spacing: float = 11.0, reach: float = 20.0) -> list[Camera]:
+def views_around(cameras: Sequence[Camera], spacing: float = 11.0, reach: float = 20.0) -> list[Camera]:
     """Return views of the origin about `spacing` degrees apart, within `reach` degrees of a given camera.
 
     Each has the distance and the roll of the nearest of the normalised-frame `cameras`.

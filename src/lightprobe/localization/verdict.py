@@ -15,7 +15,7 @@ from typing import Any
 GOOD_SCORE = 1.95  # poses some pixels off score up to 1.93, elsewhere up to 1.48; of the right ones 5 % less
 _NOTHING = 1.0  # below lie some photos without the object, and no right pose
 RIVAL = 0.25  # a pose elsewhere that scores within this of the best explains the photo as well
-_UNCERTAIN = 0.015  # right poses have up to .013, those of a smooth object of one material from .018 on
+_UNCERTAIN = 0.015  # right poses have up to .013, poses of a smooth object of one material from .018 on
 _INSIDE = 0.5  # share of the object in the photo, below which its pose rests on little
 _DOUBT = 0.3  # of ln radiance: as of a photo that is doubtful for other reasons (see photo-verdict.md there)
 

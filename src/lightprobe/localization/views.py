@@ -9,7 +9,7 @@ import torch
 from lightprobe.core.checkpoint import load_tensors, save_tensors
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.localization.matching import Landmarks, find_landmarks
-from lightprobe.localization.templates import LIGHTS, SIDE, Templates, make_templates, surrounding_views
+from lightprobe.localization.templates import LIGHTS, SIDE, Templates, make_templates, views_around
 from lightprobe.models import Decomposition
 from lightprobe.scene.photo import Scene
 
@@ -44,14 +44,14 @@ class KnownViews:
         scene: Scene,
         on_photo: Callable[[int, int], None] = lambda done, total: None,
     ) -> "KnownViews":
-        """Return the views of an object, from its training photos; `on_photo` is that of `find_landmarks`.
+        """Return the views of an object from its training photos; `on_photo` as in `find_landmarks`.
 
         Raises `ConfigError` without OpenCV.
         """
         asset, similarity = decomposition.asset, decomposition.similarity
         landmarks = find_landmarks(asset, scene.train, similarity, on_photo)
         cameras = [photo.camera.normalised(similarity) for photo in scene.train]
-        templates = make_templates(asset, surrounding_views(cameras), asset.mesh.vertices.device)
+        templates = make_templates(asset, views_around(cameras), asset.mesh.vertices.device)
         focal = sorted(camera.fx / max(camera.width, camera.height) for camera in cameras)[len(cameras) // 2]
         return KnownViews(landmarks, templates, focal)
 

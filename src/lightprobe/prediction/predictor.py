@@ -85,8 +85,7 @@ class Predictor:
         seed: int = 0,
         accuracy: LightAccuracy | None = None,
     ):
-        """Move asset and model to `device` (default: the CPU); `config` is by default that of the preset
-        `quick`.
+        """Move asset and model to `device` (default: the CPU); the default `config` is the preset `quick`'s.
 
         accuracy: of the object's maps, which scales the confidence; by default that of a usual object.
         """

@@ -15,7 +15,7 @@ from lightprobe.light import cubemap
 
 _FRAMES = 2.0  # standard deviation of the average, in predicted frames
 _REACH = 6  # frames to each side that count at all: three deviations
-_LIKENESS = 2.0  # difference that makes a frame count e^-1/2, in that of usual neighbours
+_LIKENESS = 2.0  # difference that makes a frame count e^-1/2, in usual differences of neighbours
 _FLOOR = 0.01  # of the mean radiance: darker is all alike
 
 

@@ -7,16 +7,9 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 
 from lightprobe.core.errors import InputError
+from lightprobe.preparation import judging
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
-from lightprobe.preparation.judging import (
-    ObjectFit,
-    ObjectMatches,
-    central,
-    from_one_tripod,
-    moving_features,
-    unexplained,
-)
 from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
 
 WHOLE, MOVING, SECOND, MASKED = "whole photos", "what moves", "what moves against the rest", "within masks"
@@ -33,7 +26,7 @@ class Reconstruction:
 
     name: str
     solution: Solution
-    fit: ObjectFit
+    fit: judging.ObjectFit
     lenses: Lenses
     apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join, the largest first
 
@@ -68,11 +61,13 @@ def choose(
     inside: the features known, or thought, to lie on the object, (N,) bool for each photo; None: those around
     the middle. Raises `InputError` when nothing can be reconstructed.
     """
-    regions = central(photos) if inside is None else inside
-    if from_one_tripod(photos, matches):
-        moving = match_photos(photos, moving_features(photos, matches))
+    regions = judging.central(photos) if inside is None else inside
+    if judging.from_one_tripod(photos, matches):
+        moving = match_photos(photos, judging.moving_features(photos, matches))
         on_model(MOVING)
-        kept = best_lenses(MOVING, photos, moving, focal, ObjectMatches(photos, moving, regions, seed), seed)
+        kept = best_lenses(
+            MOVING, photos, moving, focal, judging.ObjectMatches(photos, moving, regions, seed), seed
+        )
         if kept is not None:
             trap = (
                 "Trap: the background stands still in the photos while the object was turned before it; features that "
@@ -81,7 +76,7 @@ def choose(
             why = "only this explains what moves: the rest stands at the same place in every photo"
             return Choice(kept, (kept,), why, trap, True)
     on_model(WHOLE)
-    asked = ObjectMatches(photos, matches, regions, seed)
+    asked = judging.ObjectMatches(photos, matches, regions, seed)
     whole = best_lenses(WHOLE, photos, matches, focal, asked, seed)
     if whole is None:
         raise InputError(
@@ -105,16 +100,16 @@ def _against_second(
     plain = Choice(whole, (whole,), good, None, False)
     if whole.fit.explained >= _EXPLAINED:
         return plain
-    left = unexplained(photos, matches, whole.solution)
+    left = judging.unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
-    asked = ObjectMatches(photos, left, everywhere, seed)
+    asked = judging.ObjectMatches(photos, left, everywhere, seed)
     if len(asked.pairs) < _SECOND_PAIRS * len(photos):
         return plain
     on_model(SECOND)
     second = best_lenses(SECOND, photos, left, focal, asked, seed)
     if second is None:
         return plain
-    total, own = len(photos), ObjectMatches(photos, matches, regions, seed)
+    total, own = len(photos), judging.ObjectMatches(photos, matches, regions, seed)
     whole, second = (replace(found, fit=own.judge(found.solution)) for found in (whole, second))
     if second.fit.score(total) < _BETTER * whole.fit.score(total):
         return Choice(whole, (whole, second), good, None, False)
@@ -142,7 +137,7 @@ def within_masks(
     better.
     """
     own = match_photos(photos, inside)
-    asked = ObjectMatches(photos, own, inside, seed)
+    asked = judging.ObjectMatches(photos, own, inside, seed)
     before = replace(choice.kept, fit=asked.judge(choice.kept.solution))
     total = len(photos)
     if before.fit.explained >= _EXPLAINED and before.fit.registered >= _NEARLY_ALL * total:
@@ -168,7 +163,7 @@ def best_lenses(
     photos: Sequence[Features],
     matches: Matches,
     focal: Sequence[float | None],
-    asked: ObjectMatches,
+    asked: judging.ObjectMatches,
     seed: int,
 ) -> Reconstruction | None:
     """Return the reconstruction of matches (M, 2) with the lenses that register most photos, or None.
@@ -232,7 +227,10 @@ def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
     solution = Solution(**{field.name: arrays[field.name] for field in fields(Solution)})
 
     def reconstruction(stored: dict) -> Reconstruction:
-        fit, apart = ObjectFit(**stored["verdict"]), tuple(tuple(photos) for photos in stored["apart"])
+        fit, apart = (
+            judging.ObjectFit(**stored["verdict"]),
+            tuple(tuple(photos) for photos in stored["apart"]),
+        )
         return Reconstruction(stored["name"], solution, fit, Lenses[stored["lenses"]], apart)
 
     tried = tuple(reconstruction(stored) for stored in words["tried"])

@@ -67,7 +67,7 @@ def working_folder(needed: int) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Features:
-    """The features of one photo, those of the largest blobs first."""
+    """The features of one photo, largest blobs first."""
 
     points: np.ndarray  # (N, 2) float32, pixels of the working picture: x, y
     descriptors: np.ndarray  # (N, 128) uint8

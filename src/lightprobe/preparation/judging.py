@@ -1,10 +1,9 @@
-"""Which of several reconstructions is that of the object: judged by what happens on it, not by how much
-registered.
+"""Which of several reconstructions is the object's: judged by what happens on it, not by how much registered.
 
 Before a still background an object that is turned moves against everything else: the background then gives
 cameras without flaw, and wrong ones for the object. So the matches of two photos on the object are asked:
-which share of those that fit together in any way (some fundamental matrix) fits the cameras, within `_OFF` of
-the photo's side?
+which share of the matches that fit together in any way (some fundamental matrix) fits the cameras, within
+`_OFF` of the photo's side?
 """
 
 from collections.abc import Mapping, Sequence
@@ -150,7 +149,7 @@ class ObjectMatches:
 
 
 def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution) -> Matches:
-    """Return the matches (M, 2) that do not fit the cameras, and those of photos without a camera."""
+    """Return the matches (M, 2) that do not fit the cameras, and all matches of photos without a camera."""
     cameras, bends = solution.cameras(), solution.distortion()
     left = {}
     for (i, j), rows in matches.items():

@@ -31,7 +31,7 @@ _RESOLUTION = 96  # voxels along an edge of the hull
 _DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
-NEAR_PHOTOS = 2  # whose points mark the object beside those of the photo itself
+NEAR_PHOTOS = 2  # near a photo, whose points mark the object in it beside the photo's own points
 _FEWEST = 12  # points from which the object's place is known
 SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
 

@@ -32,7 +32,7 @@ COLOR_SIDE = 320  # pixels of the longer side of the pictures that objects are c
 
 @dataclass(frozen=True)
 class SourcePhoto:
-    """One photo as the user gave it; sizes are those of the photo turned upright."""
+    """One photo as the user gave it; width and height are of the photo turned upright."""
 
     name: str  # unique, and safe as a file name
     path: Path
@@ -146,7 +146,7 @@ def sharpness(grey: np.ndarray) -> float:
 
 
 def copies(photos: Iterable[SourcePhoto]) -> dict[str, str]:
-    """Return the names of photos whose file is the same as that of an earlier one, with that one's name."""
+    """Return the names of photos with the same file as an earlier photo, each with that photo's name."""
     first: dict[str, str] = {}
     found = {}
     for photo in photos:

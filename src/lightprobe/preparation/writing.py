@@ -9,16 +9,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from lightprobe import imaging
 from lightprobe.core.files import atomic_folder, atomic_path, named_file, write_json
-from lightprobe.imaging import (
-    PhotoFile,
-    read_mask,
-    read_orientation,
-    srgb_encode,
-    write_encoded,
-    write_exr,
-    write_mask,
-)
 from lightprobe.imaging.exif import upright_exposure
 from lightprobe.imaging.resize import STRIP
 from lightprobe.preparation.features import opencv_library
@@ -120,21 +112,23 @@ def _write_straight(photo: SourcePhoto, camera: Camera, k: float, folder: Path, 
 
     As EXR where it shows more than white; else PNG of 8 or 16 bits, with what EXIF says of the exposure.
     """
-    bent_photo, shape = PhotoFile(photo.path), (camera.height, camera.width, 3)
+    bent_photo, shape = imaging.PhotoFile(photo.path), (camera.height, camera.width, 3)
     strips = straight_strips(lambda *strip: bent_photo.rows(*strip)[0], camera, k, cubic=True)
     if bent_photo.shows_more_than_white:
         light = np.empty(shape, np.float32)
         for top, rows in strips:
             light[top : top + len(rows)] = np.maximum(rows, 0)  # cubic interpolation overshoots
         file = named_file(folder, name, ".exr")
-        write_exr(file, light)
+        imaging.write_exr(file, light)
         return file
     encoded = np.empty(shape, np.uint16 if bent_photo.is_deep else np.uint8)
     white = np.iinfo(encoded.dtype).max
     for top, rows in strips:
-        encoded[top : top + len(rows)] = np.clip(srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white)
+        encoded[top : top + len(rows)] = np.clip(
+            imaging.srgb_encode(np.clip(rows, 0, 1)) * white + 0.5, 0, white
+        )
     file = named_file(folder, name, ".png")
-    write_encoded(file, encoded, upright_exposure(photo.path))
+    imaging.write_encoded(file, encoded, upright_exposure(photo.path))
     return file
 
 
@@ -152,11 +146,11 @@ def write_masks(
     """
     with atomic_folder(folder) as temporary:
         for name, mask in masks:
-            write_mask(named_file(temporary, name, ".png"), mask)
+            imaging.write_mask(named_file(temporary, name, ".png"), mask)
         for name, file in ready.items():
             target = named_file(temporary, name, ".png")
-            if read_orientation(file) is None:
-                write_mask(target, read_mask(file))
+            if imaging.read_orientation(file) is None:
+                imaging.write_mask(target, imaging.read_mask(file))
             else:
                 shutil.copyfile(file, target)
         written(temporary)

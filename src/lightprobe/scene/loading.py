@@ -163,7 +163,7 @@ def _refuse_second(frame: Frame, first: Frame) -> None:
     try:
         size = image_size(frame.image)
         cameras = [found.camera(*size).to_json() for found in (first, frame)]
-    except InputError:  # that of the first has been told
+    except InputError:  # the first frame's error has been told
         cameras = [{}, {}]
     differ = "" if cameras[0] == cameras[1] else ", with different cameras"
     raise InputError(

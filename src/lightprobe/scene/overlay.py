@@ -76,7 +76,7 @@ def write_overlay_sheet(inspection: Inspection, path: Path) -> None:
 
 
 def outlined(photo: PhotoReport) -> np.ndarray:
-    """Return the thumbnail (h, w, 3) uint8 with the outline of the mask, and over it that of the hull."""
+    """Return the thumbnail (h, w, 3) uint8 with the mask's outline, and over it the hull's."""
     picture = photo.picture.copy()
     picture[outline(photo.mask)] = MASK_COLOR
     if photo.silhouette is not None:

@@ -20,16 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe import imaging
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import (
-    PhotoFile,
-    image_size,
-    read_orientation,
-    resize_rows,
-    turned_size,
-    undo,
-    worked_size,
-)
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import Resampling, bilinear, span
 from lightprobe.scene.masks import mask_turn
@@ -54,7 +46,9 @@ def load_observed(photo: Photo, most_opaque: int) -> tuple[Pixels, Camera]:
     """
     opened = _Opened(photo)
     opaque = sum(int((opened.alpha_rows(*strip) >= OPAQUE).sum()) for strip in opened.strips())
-    height, width = worked_size(photo.image_path, opened.size, reduced_size(opened.size, opaque, most_opaque))
+    height, width = imaging.worked_size(
+        photo.image_path, opened.size, reduced_size(opened.size, opaque, most_opaque)
+    )
     return _pixels(opened, height, width)
 
 
@@ -85,7 +79,7 @@ def load_shown(photo: Photo, max_side: int) -> tuple[np.ndarray, np.ndarray, np.
 def load_alpha(photo: Photo, max_side: int | None = None) -> np.ndarray:
     """Return only the coverage of a photo, (H, W) float32 in [0, 1]; otherwise as `load_pixels`."""
     opened = _Opened(photo)
-    alpha = resize_rows(opened.alpha_rows, opened.size, *_size_within(photo.camera, max_side))
+    alpha = imaging.resize_rows(opened.alpha_rows, opened.size, *_size_within(photo.camera, max_side))
     opened.check_seen()
     return alpha
 
@@ -96,7 +90,7 @@ def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
     Programs differ in whether they turn photos by their EXIF orientation; the shape of the image decides
     which was meant. Raises `InputError` naming `source` when the shape fits neither way.
     """
-    sizes = [image_size(image_path), image_size(image_path, orient=False)]
+    sizes = [imaging.image_size(image_path), imaging.image_size(image_path, orient=False)]
     for width, height in sizes:
         scale = max(width, height) / max(camera.width, camera.height)
         if max(abs(camera.width * scale - width), abs(camera.height * scale - height)) <= 1.5:
@@ -118,7 +112,7 @@ class _Opened:
         self._photo = photo
         self._mask_file = photo.mask_path or photo.image_path
         self._turn, mask_turn = _turns(photo)
-        self._mask = None if photo.mask_path is None else PhotoFile(photo.mask_path, turn=mask_turn)
+        self._mask = None if photo.mask_path is None else imaging.PhotoFile(photo.mask_path, turn=mask_turn)
         self._highest = 0.0  # of the coverage handed out
         self._resampling = None if photo.camera.lens is None else Resampling(photo.camera)
         self.camera = photo.camera
@@ -126,8 +120,8 @@ class _Opened:
         self._check_mask()
 
     @functools.cached_property
-    def _image(self) -> PhotoFile:
-        return PhotoFile(self._photo.image_path, turn=self._turn)
+    def _image(self) -> imaging.PhotoFile:
+        return imaging.PhotoFile(self._photo.image_path, turn=self._turn)
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of some rows."""
@@ -207,7 +201,7 @@ class _Opened:
             share = white(first, last) if plain else self._straight(white, first, last)
             return np.dstack([color, alpha, share])
 
-        small = resize_rows(planes, (*self.size, 7), height, width)
+        small = imaging.resize_rows(planes, (*self.size, 7), height, width)
         self.check_seen()
         color, alpha, share = (np.ascontiguousarray(part) for part in np.split(small, [3, 4], axis=2))
         return color, alpha[..., 0], share
@@ -239,17 +233,17 @@ class _Opened:
 def _turns(photo: Photo) -> tuple[int, int]:
     """Return the EXIF orientations, 1 for none, by which the photo's stored pixels and its mask's turn."""
     size = (photo.camera.width, photo.camera.height)
-    stored = image_size(photo.image_path, orient=False)
-    tag = read_orientation(photo.image_path) or 1
-    turn = next((turn for turn in (tag, 1) if turned_size(stored, turn) == size), None)
+    stored = imaging.image_size(photo.image_path, orient=False)
+    tag = imaging.read_orientation(photo.image_path) or 1
+    turn = next((turn for turn in (tag, 1) if imaging.turned_size(stored, turn) == size), None)
     if turn is None:
         raise InputError(f"{photo.image_path} no longer has the {size[0]} x {size[1]} pixels of its camera.")
     if photo.mask_path is None:
         return turn, turn
     if turn == tag:
         return turn, mask_turn(photo.mask_path, photo.image_path, size)
-    mask = image_size(photo.mask_path, orient=False)  # the camera is for the stored photo
-    return turn, next((turn for turn in (1, undo(tag)) if turned_size(mask, turn) == size), 1)
+    mask = imaging.image_size(photo.mask_path, orient=False)  # the camera is for the stored photo
+    return turn, next((turn for turn in (1, imaging.undo(tag)) if imaging.turned_size(mask, turn) == size), 1)
 
 
 def _size_within(camera: Camera, max_side: int | None) -> tuple[int, int]:

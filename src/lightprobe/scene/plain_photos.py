@@ -15,22 +15,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from lightprobe import imaging
 from lightprobe.core.errors import printable
-from lightprobe.imaging import (
-    LUMA,
-    RAW_SUFFIXES,
-    UNREADABLE,
-    VIDEO_SUFFIXES,
-    PhotoFile,
-    focal_ratio,
-    foreign_encoding,
-    gravity,
-    is_video,
-    read_exif_ev100,
-    resize_rows,
-    shrink_area,
-    srgb_encode,
-)
 from lightprobe.imaging.video import FrameChoice, choose_frames, difference, measure_frames
 from lightprobe.scene.findings import converted_encodings, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, list_images
@@ -88,8 +74,12 @@ def list_photos(folder: Path) -> list[Path]:
     apart = {parent for parent in inner if any((parent / name).exists() for name in _MADE)}
     images = [path for path in images if not _MASKS & set(path.relative_to(folder).parts[:-1])]
     found = [path for path in images if apart.isdisjoint(path.parents)]
-    raw = {path.with_suffix("") for path in found if path.suffix.lower() in RAW_SUFFIXES}
-    return [path for path in found if path.suffix.lower() in RAW_SUFFIXES or path.with_suffix("") not in raw]
+    raw = {path.with_suffix("") for path in found if path.suffix.lower() in imaging.RAW_SUFFIXES}
+    return [
+        path
+        for path in found
+        if path.suffix.lower() in imaging.RAW_SUFFIXES or path.with_suffix("") not in raw
+    ]
 
 
 def bright_level(luma: np.ndarray) -> float:
@@ -103,31 +93,31 @@ def bright_level(luma: np.ndarray) -> float:
 
 def measure_photo(path: Path) -> PlainPhoto:
     """Return what is measured on one photo; raise `InputError` naming the file when it cannot be read."""
-    photo = PhotoFile(path)
+    photo = imaging.PhotoFile(path)
     scale = min(1.0, _SIDE / max(photo.width, photo.height))
     height, width = (max(1, round(length * scale)) for length in (photo.height, photo.width))
 
     def planes(first: int, last: int) -> np.ndarray:
         color, _ = photo.rows(first, last)
-        return np.dstack([color @ LUMA, photo.clipped_rows(first, last).any(axis=2)])
+        return np.dstack([color @ imaging.LUMA, photo.clipped_rows(first, last).any(axis=2)])
 
-    small = resize_rows(planes, (photo.height, photo.width, 2), height, width)
+    small = imaging.resize_rows(planes, (photo.height, photo.width, 2), height, width)
     light = small[..., 0]
     bright = light if photo.has_white else light / bright_level(light)
-    grey = np.clip(srgb_encode(bright), 0, 1) * 255
+    grey = np.clip(imaging.srgb_encode(bright), 0, 1) * 255
     return PlainPhoto(
         Path(path),
         photo.width,
         photo.height,
-        focal_ratio(path),
-        read_exif_ev100(path),
-        gravity(path),
-        foreign_encoding(path),
+        imaging.focal_ratio(path),
+        imaging.read_exif_ev100(path),
+        imaging.gravity(path),
+        imaging.foreign_encoding(path),
         sharpness(grey),
         texture(grey),
         float(small[..., 1].mean()),
         float((bright < _DARK).mean()),
-        np.rint(shrink_area(grey, _THUMBNAIL)).astype(np.uint8),
+        np.rint(imaging.shrink_area(grey, _THUMBNAIL)).astype(np.uint8),
     )
 
 
@@ -210,14 +200,14 @@ class PlainInspection:
 def is_plain(path: Path) -> bool:
     """Return whether `path` is a video, or a folder with photos or a video, but without cameras."""
     if not path.is_dir():
-        return path.is_file() and is_video(path)
+        return path.is_file() and imaging.is_video(path)
     return not has_cameras(path) and bool(list_photos(path) or _videos(path))
 
 
 def only_video(path: Path) -> Path | None:
     """Return `path` if it is a video, or the only video in a folder without photos, else None."""
     if not path.is_dir():
-        return path if path.is_file() and is_video(path) else None
+        return path if path.is_file() and imaging.is_video(path) else None
     found = [] if list_photos(path) else _videos(path)
     return found[0] if len(found) == 1 else None
 
@@ -328,8 +318,8 @@ def _judge_quality(found: PlainInspection) -> None:
             f"of fewer than {_SMALL} pixels: give the camera's own files",
         ),
         (
-            [photo for photo in photos if photo.encoding == UNREADABLE],
-            f"encoded with an {UNREADABLE}, and taken as sRGB",
+            [photo for photo in photos if photo.encoding == imaging.UNREADABLE],
+            f"encoded with an {imaging.UNREADABLE}, and taken as sRGB",
         ),
     ):
         if bad:
@@ -377,7 +367,7 @@ def _video_facts(choice: FrameChoice) -> list[str]:
 
 
 def _videos(folder: Path) -> list[Path]:
-    found = (path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES)
+    found = (path for path in folder.iterdir() if path.suffix.lower() in imaging.VIDEO_SUFFIXES)
     return sorted(path for path in found if path.is_file())
 
 
