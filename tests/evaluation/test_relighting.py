@@ -55,11 +55,7 @@ LEAN = 3**0.5 / 2  # cos 30 degrees
 @pytest.mark.parametrize("axes", [(0, 1, 2), (2, 0, 1), (1, 2, 0)])
 def test_a_turntable_has_the_photos_median_distance_height_and_framing(axes: tuple[int, ...]) -> None:
     """It starts at the first photo's side and turns anticlockwise seen from above, whatever axis is upwards."""
-    offsets = [
-        (3.0, 0.0, 4.0),
-        (0.0, 8.0, 6.0),
-        (-2.0, 0.0, 0.0),
-    ]  # distances 5, 10, 2, heights .8, .6, 0 of them
+    offsets = [(3.0, 0.0, 4.0), (0.0, 8.0, 6.0), (-2.0, 0.0, 0.0)]  # distances 5, 10, 2, heights .8, .6, 0
     ups = [(0.5, 0.0, LEAN), (-0.5, 0.0, LEAN), (0.0, 0.0, 1.0)]
     intrinsics = [(80.0, (100, 60)), (30.0, (40, 60)), (90.0, (90, 90))]  # .8, .5 and 1 of the longer side
     order = np.argsort(axes)

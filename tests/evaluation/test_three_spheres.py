@@ -46,10 +46,7 @@ def test_rough_spheres_against_plain_sums(spheres):
     """One pixel of each, summed in float64 over all texels of the 32 x 64 map."""
     light = marked_map(32)
     discs = spheres.light(light)
-    bent, d = (
-        balanced(light).double().reshape(-1, 3).numpy(),
-        equirect.directions(32).double().reshape(-1, 3).numpy(),
-    )
+    bent, d = (m.double().reshape(-1, 3).numpy() for m in (balanced(light), equirect.directions(32)))
     solid = equirect.solid_angles(32).double().reshape(-1).numpy()
     view = VIEW.double().numpy() / np.linalg.norm(VIEW.double().numpy())
     for pixel in (3, 200, 501, 780):

@@ -51,11 +51,8 @@ def test_a_mirrored_map_is_found_out_by_every_sphere(true_light):
     """Cubemap and equirectangular conventions meet here: left for right must cost."""
     d = cubemap.directions(16) * torch.tensor([-1.0, 1.0, 1.0])
     wrong = cubemap.bilinear_taps(d.reshape(-1, 3), 16)
-    mirrored = (
-        (true_light.environment.texels.reshape(-1, 3)[wrong[0].long()] * wrong[1][..., None])
-        .sum(1)
-        .reshape(6, 16, 16, 3)
-    )
+    taps = true_light.environment.texels.reshape(-1, 3)[wrong[0].long()] * wrong[1][..., None]
+    mirrored = taps.sum(1).reshape(6, 16, 16, 3)
     right, other = (true_light.scores(guess(light)) for light in (true_light.environment.texels, mirrored))
     for sphere in ("diffuse", "matte", "mirror"):
         assert other[f"{sphere}_si_rmse"] > 5 * right[f"{sphere}_si_rmse"]
@@ -158,10 +155,8 @@ def test_errors_of_a_light_are_of_the_texels_that_their_names_say(true_light: Tr
 @pytest.fixture(scope="module")
 def stand_in():
     asset = glossy_sphere()
-    cameras = {
-        "a": camera_at((3.0, 0, 0.5), size=32, focal=40),
-        "b": camera_at((0, 3.0, 0.5), size=32, focal=40),
-    }
+    places = {"a": (3.0, 0, 0.5), "b": (0, 3.0, 0.5)}
+    cameras = {name: camera_at(place, size=32, focal=40) for name, place in places.items()}
     return StandIn({name: rasterize_asset(asset, camera, CPU) for name, camera in cameras.items()})
 
 

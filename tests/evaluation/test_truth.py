@@ -146,12 +146,8 @@ def test_base_colours_are_compared_as_displayed_where_photo_and_asset_meet(tmp_p
     ratios = MINE[inside].mean(0) / TRUE[inside].mean(0)
     assert scores["base_color_ratio"] == pytest.approx(math.prod(ratios) ** (1 / 3), rel=1e-3)
     assert scores["base_color_ratio_worst"] == pytest.approx(0.5, rel=1e-3)  # blue: .45 to .9
-    assert scores.keys() == {
-        "base_color_psnr",
-        "base_color_psnr_scaled",
-        "base_color_ratio",
-        "base_color_ratio_worst",
-    }
+    kinds = ("psnr", "psnr_scaled", "ratio", "ratio_worst")
+    assert scores.keys() == {f"base_color_{kind}" for kind in kinds}
 
 
 def test_a_tint_of_the_base_colour_is_all_that_the_scaled_score_leaves_out(tmp_path: Path) -> None:
@@ -183,17 +179,12 @@ def test_roughness_is_green_and_metalness_blue_as_they_stand(tmp_path: Path) -> 
     orm = np.array([[0.9, 0.4, 0.75], [0.0, 0.0, 0.0], [0.1, 0.5, 0.125], [0.6, 0.8, 0.5]])
     write_png(tmp_path / "orm.png", as_map(orm), srgb=False, bits=16)
     scores = MaterialScores()
-    scores.add(
-        seen(Truth(orm=tmp_path / "orm.png"), roughness=[0.5, 0.9, 0.2, 0.75], metallic=[1.0, 0.9, 0.0, 0.5])
-    )
+    truth_of_orm = Truth(orm=tmp_path / "orm.png")
+    scores.add(seen(truth_of_orm, roughness=[0.5, 0.9, 0.2, 0.75], metallic=[1.0, 0.9, 0.0, 0.5]))
     assert scores.result() == pytest.approx(
         {"roughness_mae": (0.1 + 0.3 + 0.05) / 3, "metallic_mae": (0.25 + 0.125) / 3}, abs=1e-4
     )
-    scores.add(
-        seen(
-            Truth(orm=tmp_path / "orm.png"), roughness=[0.4, 0.9, 0.5, 0.8], metallic=[0.75, 0.9, 0.125, 0.5]
-        )
-    )
+    scores.add(seen(truth_of_orm, roughness=[0.4, 0.9, 0.5, 0.8], metallic=[0.75, 0.9, 0.125, 0.5]))
     assert scores.result() == pytest.approx({"roughness_mae": 0.45 / 6, "metallic_mae": 0.375 / 6}, abs=1e-4)
 
 

@@ -79,10 +79,8 @@ def test_the_right_focal_length_has_the_most_inliers(views, camera, photo):
 @pytest.mark.slow
 def test_nothing_agrees_about_noise(views):
     random = np.random.default_rng(0)
-    noise = Features(
-        random.uniform(0, 128, (200, 2)).astype(np.float32),
-        random.integers(0, 60, (200, 128), dtype=np.uint8),
-    )
+    places = random.uniform(0, 128, (200, 2)).astype(np.float32)
+    noise = Features(places, random.integers(0, 60, (200, 128), dtype=np.uint8))
     poses = matched_poses(noise, views.landmarks, [170.0], 128, 128)
     assert all(pose.inliers < 12 for pose in poses)
     nothing = Features(np.zeros((0, 2), np.float32), np.zeros((0, 128), np.uint8))

@@ -65,10 +65,8 @@ def test_an_object_outside_the_photo_has_no_outline():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [20, 21])
 def test_poses_come_back_under_any_light(known, camera, seed):
-    pyramid, points = (
-        PhotoPyramid(photo_of(known.asset, camera, seed)[0]),
-        known.mesh.vertices[::20].double().numpy(),
-    )
+    points = known.mesh.vertices[::20].double().numpy()
+    pyramid = PhotoPyramid(photo_of(known.asset, camera, seed)[0])
     random, errors = np.random.default_rng(0), []
     for _ in range(4):
         start = moved(camera, random.normal(size=7) * SCATTER)

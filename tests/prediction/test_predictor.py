@@ -101,15 +101,8 @@ def test_maps_are_finite_and_come_with_confidence_and_times(predictor, photo, me
     assert float(prediction.environment.texels.min()) >= 0
     assert prediction.confidence.shape == (6, 16, 16)
     assert 0 <= float(prediction.confidence.min()) < float(prediction.confidence.max()) <= 1
-    assert set(prediction.seconds) == {
-        "rasterise",
-        "verdict",
-        "network",
-        "stack",
-        "solve",
-        "confidence",
-        "total",
-    }
+    parts = {"rasterise", "verdict", "network", "stack", "solve", "confidence", "total"}
+    assert set(prediction.seconds) == parts
     parts = sum(seconds for part, seconds in prediction.seconds.items() if part != "total")
     assert parts <= prediction.seconds["total"] * 1.001
 
@@ -142,11 +135,8 @@ def test_a_solved_light_explains_the_photo_and_is_not_mirrored(predictor, photo,
 
 @pytest.mark.slow
 def test_an_optimisation_reaches_the_solve(sphere, photo, predictor):
-    patient = Predictor(
-        predictor.decomposition,
-        config=COARSE,
-        optimize_config=OptimizeConfig(iterations=150, pixels=512),
-    )
+    many = OptimizeConfig(iterations=150, pixels=512)
+    patient = Predictor(predictor.decomposition, config=COARSE, optimize_config=many)
     optimised, solved = (
         patient.predict(photo, CAMERA, m).environment.texels for m in (Method.OPTIMIZE, Method.SOLVE)
     )
@@ -173,11 +163,7 @@ def test_unseen_directions_take_the_usual_light(predictor, model, photo):
     mask = np.zeros_like(photo.alpha)
     mask[28:36, 28:36] = photo.alpha[28:36, 28:36]
     usual = replace(model, mean_light=Environment(torch.full((6, 16, 16, 3), 3.0)))
-    asked = Predictor(
-        predictor.decomposition,
-        usual,
-        config=COARSE,
-    )
+    asked = Predictor(predictor.decomposition, usual, config=COARSE)
     prediction = asked.predict(Pixels.of(photo.color, mask), CAMERA, Method.PROBE_MLP)
     camera = -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)  # behind the object
     behind = (cubemap.directions(16) @ camera) > 0.9

@@ -99,11 +99,8 @@ def test_the_same_call_gives_the_same_bits_and_scales_with_exposure(scene):
     dim = predicted(irradiance=(1.5, 1.4, 1.0))
     first, again = (fitted_sources(observation, dim, asset.mesh, 0).sources for _ in range(2))
     assert first == again
-    brighter = dataclasses.replace(
-        observation,
-        pixels=dataclasses.replace(observation.pixels, color=4 * observation.pixels.color),
-        light_level=4 * observation.light_level,
-    )
+    pixels = dataclasses.replace(observation.pixels, color=4 * observation.pixels.color)
+    brighter = dataclasses.replace(observation, pixels=pixels, light_level=4 * observation.light_level)
     (scaled,) = fitted_sources(brighter, dim.scaled(4.0), asset.mesh, 0).sources
     assert scaled.irradiance == pytest.approx([4 * e for e in first[0].irradiance], rel=1e-3)
 

@@ -24,10 +24,7 @@ CAMERA = camera_at(tuple(PLACE), size=96, focal=128.0)
 
 @pytest.fixture(scope="module")
 def predictor(decomposition):
-    return Predictor(
-        decomposition,
-        config=PredictConfig(light_resolution=16),
-    )
+    return Predictor(decomposition, config=PredictConfig(light_resolution=16))
 
 
 def eight_bit(photo, displayed):
@@ -105,19 +102,15 @@ def turned(angle):
     return replace(CAMERA, camera_to_world=pose)
 
 
+def swapped(photo):
+    return srgb_encode(photo.color)[..., [1, 2, 0]]
+
+
 DOUBTFUL = {
     "moved": (lambda photo: photo, moved([0.05, 0, 0]), "0.05 object radii beside"),
     "turned": (lambda photo: photo, turned(0.2), "of what this photo shows"),
-    "colours swapped": (
-        lambda photo: eight_bit(photo, srgb_encode(photo.color)[..., [1, 2, 0]]),
-        CAMERA,
-        "Light explains only",
-    ),
-    "another object": (
-        lambda photo: eight_bit(photo, other_object(photo)),
-        CAMERA,
-        "of what this photo shows",
-    ),
+    "colours swapped": (lambda photo: eight_bit(photo, swapped(photo)), CAMERA, "Light explains only"),
+    "another object": (lambda photo: eight_bit(photo, other_object(photo)), CAMERA, "of what this photo"),
     "too bright": (lambda photo: eight_bit(photo, srgb_encode(8 * photo.color)), CAMERA, "clipped to white"),
 }
 

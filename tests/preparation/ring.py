@@ -36,15 +36,9 @@ def disc(camera: Camera, radius: float = 0.7) -> np.ndarray:
 
 def photographed(cameras: list[Camera], points: np.ndarray) -> tuple[list[Features], dict, Solution]:
     """Return features, matches of neighbours and the true solution; every photo sees every point."""
-    features = [
-        Features(
-            camera.project(points)[:, :2].astype(np.float32),
-            np.zeros((len(points), 128), np.uint8),
-            SIZE,
-            SIZE,
-        )
-        for camera in cameras
-    ]
+    none = np.zeros((len(points), 128), np.uint8)
+    places = [camera.project(points)[:, :2].astype(np.float32) for camera in cameras]
+    features = [Features(place, none, SIZE, SIZE) for place in places]
     rows = np.repeat(np.arange(len(points), dtype=np.uint32)[:, None], 2, axis=1)
     pairs = {(i, i + 1): rows for i in range(len(cameras) - 1)}
     count = len(cameras)

@@ -87,15 +87,12 @@ def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
     monkeypatch.setattr(features, "PARTNERS", 2)
     rng = np.random.default_rng(1)
     kinds = rng.integers(0, 120, (2, 40, 128))
-    photos = [
-        Features(
-            rng.uniform(0, 100, (40, 2)).astype(np.float32),
-            (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8),
-            100,
-            100,
-        )
-        for i in range(6)
-    ]
+
+    def photo(i):
+        points = rng.uniform(0, 100, (40, 2)).astype(np.float32)
+        return Features(points, (kinds[i % 2] + rng.integers(0, 3, (40, 128))).astype(np.uint8), 100, 100)
+
+    photos = [photo(i) for i in range(6)]
     assert likely_pairs(photos) == [(0, 2), (0, 4), (1, 3), (1, 5), (2, 4), (3, 5)]
     assert len(likely_pairs(photos[:4])) == 6
 

@@ -40,10 +40,8 @@ def world():
         color = np.where(inside[..., None], [170, 70, 50], [60, 110, 120]) + rng.normal(
             0, 18, (SIZE, SIZE, 3)
         )
-        views[index], truth[index] = (
-            View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False),
-            inside,
-        )
+        views[index] = View(camera, np.clip(color, 0, 255).astype(np.uint8), None, False)
+        truth[index] = inside
     return solution, views, truth
 
 
@@ -149,9 +147,8 @@ def test_only_what_a_photo_saw_itself_marks_the_object_in_it(world):
 @pytest.mark.slow
 def test_a_part_that_some_first_cuts_lose_is_not_lost_in_all():
     cameras = ring_cameras(40)
-    views = {
-        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)
-    }
+    black = np.zeros((SIZE, SIZE, 3), np.uint8)
+    views = {i: View(camera, black, None, False) for i, camera in enumerate(cameras)}
     truth = {i: disc(camera) for i, camera in enumerate(cameras)}
     upper = np.arange(SIZE)[:, None] < cameras[0].project(np.zeros((1, 3)))[0, 1] - 15
     masks = {i: mask & ~upper if i % 10 == 0 else mask for i, mask in truth.items()}
@@ -179,9 +176,8 @@ def test_a_cropped_hint_shows_how_far_a_long_object_reaches():
     rng = np.random.default_rng(5)
     mast = np.stack([rng.normal(0, 0.05, 12), rng.normal(0, 0.05, 12), np.linspace(0.9, 1.5, 12)], 1)
     _, _, solution = photographed(cameras, np.concatenate([ball_points(150), mast]))
-    views = {
-        i: View(camera, np.zeros((SIZE, SIZE, 3), np.uint8), None, False) for i, camera in enumerate(cameras)
-    }
+    black = np.zeros((SIZE, SIZE, 3), np.uint8)
+    views = {i: View(camera, black, None, False) for i, camera in enumerate(cameras)}
     wide = camera_at(tuple(cameras[4].position), size=SIZE, focal=160)
     column, top, _ = wide.project(np.array([[0.0, 0.0, 1.6]]))[0]
     assert 0 < top < SIZE / 3

@@ -78,11 +78,7 @@ def test_the_hull_trusts_no_camera(field, value):
 def test_rays_from_afar_come_to_an_end():
     """So far away that the next voxel is nearer than the numbers are apart."""
     pose = np.eye(4)
-    pose[:3] = [
-        [0, 0, 1, 2e15],
-        [1, 0, 0, -62500],
-        [0, 1, 0, -62500],
-    ]  # looking along -x, as far as numbers tell
+    pose[:3] = [[0, 0, 1, 2e15], [1, 0, 0, -62500], [0, 1, 0, -62500]]  # looks along -x
     wall = np.zeros((64, 64, 64), bool)
     wall[:, 36] = True
     hull = Hull(wall, wall.astype(np.float32), -np.ones(3), np.ones(3))

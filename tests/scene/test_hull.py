@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -142,18 +144,8 @@ def test_first_guess_survives_a_wrong_pose():
 def test_cameras_that_look_away():
     cameras, alphas = ball_views()
     away = [camera_at(-camera.position) for camera in cameras]
-    moved = [
-        type(c)(
-            np.block([[c.camera_to_world[:, :3], -c.camera_to_world[:, 3:]]]),
-            c.fx,
-            c.fy,
-            c.cx,
-            c.cy,
-            c.width,
-            c.height,
-        )
-        for c in away
-    ]
+    poses = [np.block([[c.camera_to_world[:, :3], -c.camera_to_world[:, 3:]]]) for c in away]
+    moved = [replace(c, camera_to_world=pose) for c, pose in zip(away, poses, strict=True)]
     for camera in moved:
         camera.camera_to_world[3] = (0, 0, 0, 1)
     with pytest.raises(InputError, match="look away"):

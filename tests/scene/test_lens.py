@@ -58,7 +58,6 @@ def test_points_fall_where_colmap_puts_them(model, parameters, lens):
     assert colmap._LENSES[model](*parameters) == lens
     assert colmap._NAMES[int(camera.model)] == model
     assert colmap._COUNTS[model] == len(camera.params)
-    assert (model in colmap._ONE_FOCAL) is (len(focal) == 1)
 
 
 def test_points_fall_where_opencv_puts_them():

@@ -16,12 +16,8 @@ from tests.fuzz.edits import NUMBERS, TEXTS, VALUES, replaced
 from tests.scene.worlds import names, views, write_colmap, write_nerd, write_nerfstudio
 
 COUNT = 3
-MANY = settings(
-    max_examples=60,
-    deadline=None,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-    derandomize=True,
-)
+SCOPED = [HealthCheck.function_scoped_fixture]
+MANY = settings(max_examples=60, deadline=None, suppress_health_check=SCOPED, derandomize=True)
 
 
 def place(value, data):

@@ -86,11 +86,8 @@ def test_scaled_photos_scale_their_cameras(tmp_path):
             image = Image.open(path)
             image.resize((36, 30), Image.Resampling.BOX).save(path)
     for photo, view in zip(photos(root), views(COUNT), strict=True):
-        assert (photo.camera.fx, photo.camera.fy, photo.camera.cx) == (
-            view.focal[0] / 2,
-            view.focal[0] / 2,
-            18,
-        )
+        half = view.focal[0] / 2
+        assert (photo.camera.fx, photo.camera.fy, photo.camera.cx) == (half, half, 18)
         assert (photo.camera.width, photo.camera.height) == (36, 30)
 
 
@@ -139,15 +136,8 @@ def test_truth_files_and_relighting(tmp_path):
             Image.fromarray(np.dstack(picture(view))).save(root / split / f"r_{i}.png")
             pose = view.opengl.tolist()
             light = {"hdri": "sky"} if i else {"hdri": 3}  # a name, and nothing that could be one
-            frames.append(
-                {
-                    "file_path": f"./{split}/r_{i}",
-                    "transform_matrix": pose,
-                    **keys,
-                    "normal_path": "none.exr",
-                    **light,
-                }
-            )
+            frame = {"file_path": f"./{split}/r_{i}", "transform_matrix": pose, "normal_path": "none.exr"}
+            frames.append({**frame, **keys, **light})
         (root / f"transforms_{split}.json").write_text(json.dumps({"camera_angle_x": 0.7, "frames": frames}))
     for name in keys.values():
         (root / name).write_bytes(b"x")

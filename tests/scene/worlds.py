@@ -211,14 +211,8 @@ def write_colmap_model(
     extra: tuple = (),
 ) -> None:
     models = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE"]
-    models += [
-        "FULL_OPENCV",
-        "FOV",
-        "SIMPLE_RADIAL_FISHEYE",
-        "RADIAL_FISHEYE",
-        "THIN_PRISM_FISHEYE",
-        "RAD_TAN_THIN_PRISM_FISHEYE",
-    ]
+    models += ["FULL_OPENCV", "FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"]
+    models += ["RAD_TAN_THIN_PRISM_FISHEYE"]
     models += ["SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE"]
     number = models.index(lens)
     one_focal = lens.startswith(("SIMPLE", "RADIAL"))

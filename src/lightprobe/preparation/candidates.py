@@ -65,9 +65,8 @@ def choose(
     if judging.from_one_tripod(photos, matches):
         moving = match_photos(photos, judging.moving_features(photos, matches))
         on_model(MOVING)
-        kept = best_lenses(
-            MOVING, photos, moving, focal, judging.ObjectMatches(photos, moving, regions, seed), seed
-        )
+        asked = judging.ObjectMatches(photos, moving, regions, seed)
+        kept = best_lenses(MOVING, photos, moving, focal, asked, seed)
         if kept is not None:
             trap = (
                 "Trap: the background stands still in the photos while the object was turned before it; features that "
@@ -83,36 +82,22 @@ def choose(
             "No cameras were found: too few features of the photos match; take more photos of it that overlap, sharp "
             "and with less than 20 degrees between neighbours."
         )
-    return _against_second(photos, matches, focal, regions, whole, seed, on_model)
-
-
-def _against_second(
-    photos: Sequence[Features],
-    matches: Matches,
-    focal: Sequence[float | None],
-    regions: Sequence[np.ndarray],
-    whole: Reconstruction,
-    seed: int,
-    on_model: Callable[[str], None],
-) -> Choice:
-    """Return the whole photos' reconstruction, or that of the remaining matches if it is the object's."""
     good = f"it explains {whole.fit.explained:.0%} of the matches on the object"
-    plain = Choice(whole, (whole,), good, None, False)
+    plain, total = Choice(whole, (whole,), good, None, False), len(photos)
     if whole.fit.explained >= _EXPLAINED:
         return plain
     left = judging.unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
-    asked = judging.ObjectMatches(photos, left, everywhere, seed)
-    if len(asked.pairs) < _SECOND_PAIRS * len(photos):
+    rest = judging.ObjectMatches(photos, left, everywhere, seed)
+    if len(rest.pairs) < _SECOND_PAIRS * total:
         return plain
     on_model(SECOND)
-    second = best_lenses(SECOND, photos, left, focal, asked, seed)
+    second = best_lenses(SECOND, photos, left, focal, rest, seed)
     if second is None:
         return plain
-    total, own = len(photos), judging.ObjectMatches(photos, matches, regions, seed)
-    whole, second = (replace(found, fit=own.judge(found.solution)) for found in (whole, second))
+    second = replace(second, fit=asked.judge(second.solution))
     if second.fit.score(total) < _BETTER * whole.fit.score(total):
-        return Choice(whole, (whole, second), good, None, False)
+        return replace(plain, tried=(whole, second))
     trap = (
         f"Trap: the whole photos gave cameras for {whole.fit.registered} of {total} photos that explain only "
         f"{whole.fit.explained:.0%} of the matches on the object: the background stands still while the object was "
@@ -130,11 +115,9 @@ def within_masks(
     *,
     seed: int = 0,
 ) -> Choice:
-    """Return the choice after a reconstruction from the features `inside` the masks, (N,) bool for each
-    photo.
+    """Return the choice after a reconstruction from the features `inside` the masks, (N,) bool each.
 
-    This reconstruction is made where the kept one explains too little of the object, and taken where it is
-    better.
+    It is made where the kept one explains too little of the object, and taken where it is better.
     """
     own = match_photos(photos, inside)
     asked = judging.ObjectMatches(photos, own, inside, seed)

@@ -14,7 +14,7 @@ from lightprobe.core.files import checksum, disk_errors, holds_files
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, within_masks
 from lightprobe.preparation.judging import inside_masks, moving_features, spread
-from lightprobe.preparation.looking import Seen, look_at_all, match_all, refuse_copies
+from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
 from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
@@ -69,18 +69,14 @@ def prepare(
         (output / HIDDEN).mkdir(parents=True, exist_ok=True)
     busy = f"{output} is being prepared by another process; wait for it to end."
     with locked_file(output / HIDDEN / _LOCK, busy):
-        key = _key(photos, hints, options)
+        # of all that cameras depend on, but for masks corrected in the scene
+        told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
+        masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
+        key = key_of([photo.checksum for photo in photos], masks, told, options.seed)
         report = finished(output, key_of(key, asdict(options)))
         if report is None:
             report = _work(photos, hints, options, key, output, on_progress)
     return Prepared(output, report)
-
-
-def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], options: PrepareOptions) -> str:
-    """Return the key of all that cameras depend on, but for masks corrected in the scene."""
-    told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
-    masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
-    return key_of([photo.checksum for photo in photos], masks, told, options.seed)
 
 
 def _work(
@@ -91,11 +87,45 @@ def _work(
     output: Path,
     on_progress: OnProgress,
 ) -> dict[str, Any]:
-    """Do what is left to do, and return what prepare.json holds."""
+    """Do what is left to do, and return what prepare.json holds.
+
+    Cameras come from a reconstruction, and masks by them; a second reconstruction within these masks replaces
+    the first where that failed.
+    """
     cache = Cache(output / HIDDEN)
     seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
-    cutting = _solve(photos, seen, matches, hints, options, key, cache, output, on_progress)
+    features, focal = [each.features for each in seen], [photo.focal_ratio for photo in photos]
+    given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
+    known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
+    inside = inside_masks(features, known) if known else None
+    if inside is not None and len(known) < len(features):
+        inside = spread(inside, matches)
+    own = own_masks(photos, output)
+
+    def first() -> Choice:
+        def on_model(name: str) -> None:
+            on_progress(f"cameras: {name}", 0, 1)
+
+        return choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
+
+    def cut(choice: Choice) -> Cutting:
+        return cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
+
+    choice = kept_choice(cache, "cameras", key, first)
+    cutting = cut(choice)
+    if not all(photo.cutout for photo in photos):  # else nothing but the object was matched
+        everywhere = [np.ones(len(each.points), bool) for each in features]
+        moving = moving_features(features, matches) if choice.moving else everywhere
+        masked = features_inside(cutting, features, moving)
+
+        def again() -> Choice:
+            return within_masks(features, focal, masked, choice, seed=options.seed)
+
+        masked_key = key_of(key, [key_of(flags.tolist()) for flags in masked])
+        second = kept_choice(cache, "cameras-within-masks", masked_key, again)
+        same = second.kept.name == choice.kept.name
+        cutting = replace(cutting, choice=second) if same else cut(second)
     whole = key_of(key, asdict(options))
     return write_scene(output, photos, seen, matches, cutting, options, whole, on_progress)
 
@@ -109,55 +139,3 @@ def check_output(output: Path) -> None:
         raise ConfigError(
             f"{output} is not empty and was not made by prepare; choose another folder with -o."
         )
-
-
-def _solve(
-    photos: Sequence[SourcePhoto],
-    seen: Sequence[Seen],
-    matches: Mapping,
-    hints: Mapping[int, np.ndarray],
-    options: PrepareOptions,
-    key: str,
-    cache: Cache,
-    output: Path,
-    on_progress: OnProgress,
-) -> Cutting:
-    """Return cameras and masks: by a reconstruction, and a second one within masks where that failed."""
-    features = [each.features for each in seen]
-    given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
-    known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
-    inside = _region(features, matches, known)
-    focal = [photo.focal_ratio for photo in photos]
-
-    def on_model(name: str) -> None:
-        on_progress(f"cameras: {name}", 0, 1)
-
-    def first() -> Choice:
-        return choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
-
-    choice = kept_choice(cache, "cameras", key, first)
-    own = own_masks(photos, output)
-    cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
-    if all(photo.cutout for photo in photos):
-        return cutting  # nothing but the object was matched
-    otherwise = [np.ones(len(each.points), bool) for each in features]
-    if choice.moving:
-        otherwise = moving_features(features, matches)
-    masked = features_inside(cutting, features, otherwise)
-    masked_key = key_of(key, [key_of(flags.tolist()) for flags in masked])
-
-    def again() -> Choice:
-        return within_masks(features, focal, masked, choice, seed=options.seed)
-
-    second = kept_choice(cache, "cameras-within-masks", masked_key, again)
-    if second.kept.name == choice.kept.name:
-        return replace(cutting, choice=second)
-    return cut_rounds(photos, seen, second, known, set(given), own, options, on_progress)
-
-
-def _region(features, matches, known):
-    """Return the features thought to lie on the object before there are masks, None where nothing tells."""
-    if not known:
-        return None
-    inside = inside_masks(features, known)
-    return inside if len(known) == len(features) else spread(inside, matches)

@@ -88,6 +88,11 @@ def cut_rounds(
     cutout, opened = carve(views, masks, AGREEMENTS[0]), dict[int, np.ndarray]()
     free = {index: view for index, view in views.items() if not view.fixed}
     marks = {index: point_marks(view, solution, labels, index) for index, view in free.items()}
+
+    def cut_again(shapes: Masks, masks: Masks, margin: float, photo: int) -> np.ndarray:
+        opening, mark = opened.get(photo), marks.get(photo)
+        return cut_near_hull(views[photo], shapes[photo], masks[photo], margin, opening, mark)
+
     for done, (margin, agreement) in enumerate(zip(MARGINS, AGREEMENTS[1:], strict=True)):
         if cutout.hull is None:
             break
@@ -96,26 +101,10 @@ def cut_rounds(
             found = openings(solution, views, labels, cutout, shapes, margin)
             # An opened hull has less before the points that told of it.
             opened |= {index: opening | opened.get(index, False) for index, opening in found.items()}
-        cut_again = partial(_cut_again, views, shapes, cutout.masks, opened, marks, margin)
-        masks = masks_of(cut_again, views)
+        masks = masks_of(partial(cut_again, shapes, cutout.masks, margin), views)
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
-
-
-def _cut_again(
-    views: Mapping[int, View],
-    shapes: Masks,
-    masks: Masks,
-    opened: Masks,
-    marks: Mapping[int, tuple[np.ndarray, np.ndarray]],
-    margin: float,
-    photo: int,
-) -> np.ndarray:
-    """Return the mask (h, w) bool of a photo cut anew around the hull's shape."""
-    return cut_near_hull(
-        views[photo], shapes[photo], masks[photo], margin, opened.get(photo), marks.get(photo)
-    )
 
 
 def _view(

@@ -121,7 +121,8 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
             warnings.warn(only, LightprobeWarning, stacklevel=2)
             return found
     wanted = f"not exactly one for {image}" if image else "and this command takes one"
-    some = ", ".join([*(shown(name) for _, name, _ in entries[:_NAMED]), *["..."][: len(entries) - _NAMED]])
+    listed = [shown(name) for _, name, _ in entries[:_NAMED]]
+    some = ", ".join(listed + (["..."] if len(entries) > _NAMED else []))
     raise InputError(
         f"{source} holds {len(entries)} cameras ({some}), {wanted}; give a file with the one camera, or name one of "
         "them where there is an option --frame."
