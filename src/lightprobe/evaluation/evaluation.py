@@ -161,15 +161,15 @@ def evaluate(
     on_photo: OnPhoto | None = None,
     on_view: OnView | None = None,
 ) -> Evaluation:
-    """Score `methods`, by default those of `methods_for`, on the scene's test photos; the first is the
-    default.
+    """Score `methods`, the first being the default, on the scene's test photos.
 
-    run: a folder that predictions are written to, by the names of photo and method. The predictions of the
-    run's own default method, the first of `methods_for`, are also written under the photo's name alone.
-    true_object: is relit with the predicted lights in place of the decomposition's own object. prediction:
-    how lights are predicted, by default as after the preset `quick`. accuracy: of the run's maps, for their
-    confidence. on_view: receives the default method's result for every photo. A photo that cannot be scored
-    is left out and named in `Evaluation.skipped`. Raises `InputError` when no test photo is left.
+    methods: by default those of `methods_for`. run: a folder that predictions are written to, by the names of
+    photo and method. The predictions of the run's own default method, the first of `methods_for`, are also
+    written under the photo's name alone. true_object: is relit with the predicted lights in place of the
+    decomposition's own object. prediction: how lights are predicted, by default as after the preset `quick`.
+    accuracy: of the run's maps, for their confidence. on_view: receives the default method's result for every
+    photo. A photo that cannot be scored is left out and named in `Evaluation.skipped`. Raises `InputError`
+    when no test photo is left.
     """
     if not scene.test:
         raise InputError(

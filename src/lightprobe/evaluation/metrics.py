@@ -92,8 +92,7 @@ def psnr(values: Tensor, reference: Tensor) -> float:
 
 
 def channel_scale(values: Tensor, reference: Tensor) -> Tensor:
-    """Return the factor per channel (C,) that brings linear `values` (N, C) closest to `reference` once
-    displayed.
+    """Return the factors (C,) that bring linear `values` (N, C) closest to `reference` once displayed.
 
     Light times c and albedo over c look alike; scores after this scale leave that freedom out. Closest means
     the least squared error of the clipped sRGB values, as in the scores: a fit to linear values would follow
@@ -158,11 +157,11 @@ def brightest(truth: Tensor) -> Tensor:
 
 
 def interval(values: Sequence[float], groups: Sequence[str] | None = None) -> float:
-    """Return the half width of the 95 % interval of the mean of `values` by Student's t; nan for less than
-    two groups.
+    """Return half the width of the 95 % interval of the mean of `values` by Student's t, or nan.
 
-    Values of one group, such as photos under one environment, are no independent evidence: the group is the
-    unit. With G groups g of n_g values, N in all, about the mean m of all values,
+    It is nan for fewer than two groups. Values of one group, such as photos under one environment, are no
+    independent evidence: the group is the unit. With G groups g of n_g values, N in all, about the mean m of
+    all values,
 
         s^2 = G / (G - 1) sum_g (n_g (m_g - m) / N)^2,    half width = t(.975, G - 1) s.
 

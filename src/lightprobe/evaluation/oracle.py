@@ -105,8 +105,7 @@ def _true_mesh(scene: Scene) -> Mesh:
 
 
 def _gathered(vertices: Tensor, faces: Tensor, position: Tensor, normal: Tensor, scene: Scene) -> Tensor:
-    """Return the material (K, 8) at surface points, normals in world axes, averaged over the photos that see
-    each.
+    """Return the material (K, 8) at surface points, normals in world axes, averaged over photos.
 
     normal (K, 3) is the mesh's own, which stays where no photo tells.
     """

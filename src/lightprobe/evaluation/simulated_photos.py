@@ -53,8 +53,7 @@ class SimulatedPhoto:
 def simulated_photos(
     decomposition: Decomposition, cameras: Sequence[Camera], count: int, resolution: int, device: torch.device
 ) -> Iterator[SimulatedPhoto | None]:
-    """Yield `count` photos from input-frame `cameras`, evenly chosen, under lights (6, R, R, 3); R =
-    `resolution`.
+    """Yield `count` photos from some input-frame `cameras` under lights (6, R, R, 3) of `resolution` R.
 
     None stands for a photo that would not show the object.
     """

@@ -54,8 +54,7 @@ class ThreeSpheres:
     """Three spheres seen from one direction; holds what of their lighting does not depend on the map."""
 
     def __init__(self, view: Tensor, up: Tensor, side: int = _SIDE):
-        """Take the unit direction `view` (3,) from the object to the camera, and the picture's up direction
-        (3,).
+        """Take the unit direction `view` (3,) from object to camera, and the picture's up direction (3,).
 
         side: pixels across the discs of the rough spheres.
         """
@@ -87,8 +86,7 @@ class ThreeSpheres:
         return dict(zip(SPHERES, (diffuse, matte, texels), strict=True))
 
     def picture(self, map: Tensor, mirror_side: int = 128) -> Tensor:
-        """Return the three spheres side by side on black, (S, 3 S, 3) with S = `mirror_side`, under a linear
-        map.
+        """Return the three spheres side by side on black, (S, 3 S, 3), S = `mirror_side`, under a map.
 
         The map is tone-mapped as for the scores; what exceeds 1 is cut off only by the display.
         """

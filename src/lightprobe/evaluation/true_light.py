@@ -64,8 +64,7 @@ class TrueLight:
         return TrueLight(environment, len(light), spheres, spheres.light(light))
 
     def scores(self, prediction: Prediction) -> Scores:
-        """Return errors of ln radiance (raw, weighted by confidence, after one factor or three) and of
-        spheres.
+        """Return errors of ln radiance (raw, by confidence, after one factor or three) and of spheres.
 
         Errors over the brightest percent of the true light are raw and after the whole map's one factor.
         """

@@ -183,8 +183,7 @@ class MaterialScores:
 def material_maps(
     truth: Truth, size: tuple[int, int]
 ) -> tuple[np.ndarray | None, np.ndarray | None, np.ndarray | None]:
-    """Return linear base colour, ORM and world normals of a photo of `size` (H, W), (H, W, 3) float32 or None
-    each.
+    """Return linear base colour, ORM and world normals, (H, W, 3) float32 or None, for a `size` (H, W).
 
     Raises `InputError` where one cannot be read, has another size or fewer than three channels.
     """

@@ -30,8 +30,7 @@ def appearance(linear: Tensor) -> Tensor:
 
 
 def edge_field(picture: np.ndarray, softness: float = 0.1) -> np.ndarray:
-    """Return the edges of an appearance (H, W, 3), (H, W, 2) float32: cosine and sine of twice their
-    direction.
+    """Return the edges (H, W, 2) float32 of an appearance (H, W, 3): cosine and sine of twice their angle.
 
     The length is |g| / (|g| + softness), below 1, g being the strongest channel's gradient per pixel: how
     strong an edge is depends on what happens to stand behind the object, where the edge runs does not.

@@ -130,8 +130,7 @@ def refine(
     steps: int,
     focal: bool = False,
 ) -> tuple[Camera, Fit]:
-    """Return the best of the poses met in `steps` steps from a normalised-frame `camera` in the photo's
-    pixels.
+    """Return the best pose met in `steps` steps from a normalised-frame `camera` in the photo's pixels.
 
     diameter: pixels of the object's sphere at the size that the photo is scaled to. focal: whether the focal
     length is free.
@@ -151,8 +150,7 @@ def refine(
 def pose_uncertainty(
     known: KnownObject, pyramid: PhotoPyramid, camera: Camera, points: np.ndarray, *, diameter: float
 ) -> float:
-    """Return how far the object could move in the photo and hardly be explained worse, in its sphere's
-    diameters.
+    """Return how far the object could move and hardly be explained worse, in its sphere's diameters.
 
     The pose's covariance is the inverse of the matrix of its steps (Laplace's approximation), times the mean
     square of the unexplained residuals, as if all pixels of a channel had one error in common, and all points

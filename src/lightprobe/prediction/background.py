@@ -105,8 +105,7 @@ class SeenLight:
 def with_background(
     observation: Observation, light: Tensor, confidence: Tensor, seen: SeenLight, seed: int
 ) -> tuple[Tensor, Tensor, BackgroundUse]:
-    """Return a map (6, R, R, 3) that was fitted to the photo and its confidence (6, R, R), corrected by
-    `seen`.
+    """Return a fitted map (6, R, R, 3) and its confidence (6, R, R), corrected by what is `seen`.
 
     Both are returned as they are where there is no use for the background.
     """

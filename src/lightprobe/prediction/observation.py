@@ -97,8 +97,7 @@ def _overlap(cover: Tensor, covered: Tensor) -> float:
 
 
 def _offset(mask: Tensor, pixel: Tensor, camera: Camera) -> float:
-    """Return how far the centres of a mask (N,) bool and of the object's pixels (P,) lie apart, normalised
-    units.
+    """Return how far the centres of a mask (N,) bool and the object's pixels (P,) lie apart, normalised.
 
     This is the move across the view, of an object or a camera, that would bring one to the other.
     """

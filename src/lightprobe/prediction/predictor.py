@@ -163,8 +163,7 @@ class Predictor:
         doubt: float = 0.0,
         sources: bool = False,
     ) -> tuple[Prediction, Tensor]:
-        """Return the one light of all `photos`, in the exposure of the first, and their relative exposures
-        (N,).
+        """Return the one light of all `photos`, in the first one's exposure, and their exposures (N,).
 
         What the photos tell singly is averaged, and then fitted to all of them together. The exposures are
         relative to the first photo's, and found with the light unless they are given. backgrounds: of each

@@ -121,8 +121,7 @@ class _Solution:
 
 @torch.no_grad()
 def fitted_sources(observation: Observation, environment: Environment, mesh: Mesh, seed: int) -> SplitLight:
-    """Return a predicted light as its sources, fitted to the photo it was predicted from, and the predicted
-    rest.
+    """Return a predicted light as its sources, fitted to the photo, and the rest as predicted.
 
     A source that the photo shows nothing of is left out; only the strongest has a doubt about its direction.
     `mesh`: of the object that `observation` is of. Deterministic; the sources scale with the photo's
@@ -153,8 +152,7 @@ def _scaled(source: LightSource, solved: _Solution, index: int) -> LightSource:
 
 
 def _moved(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> tuple[LightSource, float]:
-    """Return the key source where it explains the photo best beside the images `others`, and its direction's
-    doubt.
+    """Return the key source where it explains the photo best beside `others`, and its direction's doubt.
 
     During the search the source throws the shadows of a point: a fifth of the depth maps.
     """
@@ -180,8 +178,7 @@ def _moved(pixels: _Pixels, key: LightSource, others: list[Tensor]) -> tuple[Lig
 
 
 def _direction_doubt(least: float, errors: list[tuple[float, float]]) -> float:
-    """Return a direction's deviation in radians by how the error grows on rings (radius, mean error) around
-    it.
+    """Return a direction's deviation in radians by the `errors` (radius, mean error) on rings around it.
 
     exp(-N error / (2 least)) is a Gaussian of the direction where the error is a parabola.
     """

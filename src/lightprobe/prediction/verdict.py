@@ -250,8 +250,7 @@ def _explained(difference: Tensor, target: Tensor) -> float:
 
 
 def _fitted(matrix: Tensor, observed: Tensor, weight: Tensor, level: Tensor) -> Tensor:
-    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights: ridge
-    regression.
+    """Return lights (2, 3, T) >= 0 that explain the pixels best, one for each of two weights.
 
     matrix (3, P, T) >= 0, observed (3, P), weight (2, 3, P) >= 0. Where no pixel has weight the light is
     `level` (). Projected gradient steps with Nesterov's momentum, scaled by the row sums of the normal

@@ -42,8 +42,7 @@ def cut(color: np.ndarray, trimap: np.ndarray) -> np.ndarray:
 
 
 def masks_of(work: Callable[[int], np.ndarray], photos: Iterable[int]) -> dict[int, np.ndarray]:
-    """Return the mask (h, w) bool that `work` makes of each photo, several at a time: OpenCV frees Python's
-    lock.
+    """Return the mask (h, w) bool that `work` makes of each photo, several at a time in threads.
 
     Results do not depend on the number of threads, as each photo has random numbers of its own, seeded before
     use. As for `in_threads`, Numba's loops are not for `work`.

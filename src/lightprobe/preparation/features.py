@@ -166,8 +166,7 @@ def _relative(features: Features) -> np.ndarray:
 
 
 def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
-    """Return the pairs (i, j), i < j, that are worth matching: all, or of many photos each one's best
-    partners.
+    """Return the pairs (i, j), i < j, that are worth matching: all, or each photo's best partners.
 
     Found by matching the largest features alone; what stands still counts little, as between photos from one
     tripod it would drown what does not.

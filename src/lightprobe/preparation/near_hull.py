@@ -96,8 +96,7 @@ def cut_near_hull(
     opening: np.ndarray | None = None,
     marks: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> np.ndarray:
-    """Return the mask (h, w) bool cut anew within `margin` of the object's size around the hull's `shape` (h,
-    w).
+    """Return the mask (h, w) bool cut anew within `margin` of the object's size around `shape` (h, w).
 
     opening: where the photo seems to look through the hull, (h, w) bool; there and around it the colours
     decide. marks: of points, as from `point_marks`.

@@ -79,8 +79,7 @@ class _Depths:
         return self.within(behind, camera, _THICK, np.inf)
 
     def within(self, chosen: np.ndarray, camera: Camera, least: float, most: float) -> np.ndarray:
-        """Return which of the points `chosen` (K,) in the frame have so much of the hull before them, (M,)
-        int64.
+        """Return which points of `chosen` (K,) in the frame have so much hull before them, (M,) int64.
 
         least, most: relative to the object's size.
         """
@@ -119,11 +118,10 @@ def _voxels(hull: Hull, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def opening_around(
     view: View, shape: np.ndarray, behind: np.ndarray, front: np.ndarray, margin: float
 ) -> np.ndarray:
-    """Return the pieces (h, w) bool of the hull's `shape` (h, w) like the background that show points behind
-    it.
+    """Return the pieces (h, w) bool of the hull's `shape` (h, w) that look like the background.
 
-    behind, front (K, 3): points seen through the hull, and the object's. margin: of the object's size, beyond
-    which the background begins.
+    They show points `behind` it. behind, front (K, 3): points seen through the hull, and the object's.
+    margin: of the object's size, beyond which the background begins.
     """
     dot = dot_radius(shape.shape)
     known = shape & (away_from(view.camera, front) < dot)

@@ -75,8 +75,7 @@ def stored_hint(scene: Path) -> str | None:
 
 
 def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
-    """Return the index of the photo of a file name, with or without its suffix and the folders that it lies
-    in.
+    """Return the index of the photo of a file name, with or without suffix and folders.
 
     Raises `ConfigError` for none, or for several of that name in different folders.
     """
@@ -102,8 +101,7 @@ def find_photo(photos: Sequence[SourcePhoto], name: str, option: str) -> int:
 
 
 def read_hint(text: str, photos: Sequence[SourcePhoto], source: str = "--hint") -> tuple[int, np.ndarray]:
-    """Return the index of a photo and the mask (H, W) float32, at its full size, that PHOTO=MASK or PHOTO=BOX
-    means.
+    """Return the photo's index and the mask (H, W) float32, full size, that PHOTO=MASK or PHOTO=BOX means.
 
     A box is x0,y0,x1,y1 in pixels of the photo turned upright. source: where it was told. Raises
     `ConfigError` for text of another form or a box outside of the photo, `InputError` for a mask that cannot
@@ -132,8 +130,7 @@ def read_hint(text: str, photos: Sequence[SourcePhoto], source: str = "--hint") 
 
 
 def all_hints(hint: str | None, scene: Path, photos: Sequence[SourcePhoto]) -> dict[int, np.ndarray]:
-    """Return the masks (H, W) float32 of `read_hint`, by photo, of a `hint` and of the box that was drawn in
-    a scene.
+    """Return `read_hint`'s masks (H, W) float32, by photo, of a `hint` and of the box drawn in a scene.
 
     Of two in one photo the drawn one holds: it corrects what the first led to. A drawn one that cannot be
     used beside a `hint` is left out with a warning. Raises as `read_hint` and `stored_hint`.

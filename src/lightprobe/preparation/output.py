@@ -39,8 +39,7 @@ def write_scene(
     key: str,
     on_progress: Callable[[str, int, int], None],
 ) -> dict[str, Any]:
-    """Write images/, masks/, contact.png, prepare.json, at last transforms.json; return prepare.json's
-    content.
+    """Write the scene's files, at last transforms.json; return prepare.json's content.
 
     matches (M, 2) by pair. Raises `InputError` where too few photos have cameras.
     """

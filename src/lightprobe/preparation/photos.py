@@ -106,8 +106,7 @@ def _side_within(photo: SourcePhoto, side: int) -> tuple[int, int]:
 
 
 def given_mask(photo: SourcePhoto, size: tuple[int, int]) -> np.ndarray | None:
-    """Return the user's mask of a photo at `size`, (height, width) float32: its file, the photo's alpha, or
-    None.
+    """Return the user's mask of a photo at `size`, (height, width) float32: its file, its alpha, or None.
 
     Raises `InputError` for a mask of another shape.
     """

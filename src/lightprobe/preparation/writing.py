@@ -138,8 +138,7 @@ def write_masks(
     folder: Path,
     written: Callable[[Path], None] = lambda new: None,
 ) -> None:
-    """Write masks into a new folder: (H, W) float32 by name as grey PNG, one by one as they come, and `ready`
-    files.
+    """Write masks (H, W) float32 by name as grey PNG, one by one as they come, and `ready` files.
 
     A file that does not say how it is stored is upright, and says so here: otherwise a scene's reader would
     turn it along with its photo. written: called with the new folder before it takes the place of `folder`.

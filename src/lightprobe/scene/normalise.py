@@ -118,8 +118,7 @@ def _better_box(hull: Hull) -> tuple[tuple[np.ndarray, np.ndarray], bool]:
 
 
 def _enclosing(hull: Hull) -> Similarity:
-    """Return the similarity that maps the hull's bounding-box centre to 0 and its farthest point to distance
-    1.
+    """Return the similarity that maps the hull's box centre to 0, its farthest point to distance 1.
 
     The object may reach a voxel past the farthest centre that won the vote; with that voxel it stays inside.
     """

@@ -29,8 +29,7 @@ from lightprobe.scene.photo import OPAQUE, Photo, Pixels, averaged, reduced_size
 
 
 def load_pixels(photo: Photo, max_side: int | None = None) -> tuple[Pixels, Camera]:
-    """Decode a photo and its mask, reduced to at most `max_side` pixels a side, and return the camera to
-    match.
+    """Decode a photo and its mask, reduced to at most `max_side` pixels, and return the camera to match.
 
     Colour is linear and straight; it is 0 where alpha is 0. Raises `InputError` naming the file when the
     photo or mask is missing or damaged, when their sizes differ, or when the mask shows no object.

@@ -61,8 +61,7 @@ class PlainPhoto:
 
 
 def list_photos(folder: Path) -> list[Path]:
-    """Return the photos in a folder, or in its `images` folder if it has one, and in subfolders, without
-    masks.
+    """Return the photos in a folder, or in its `images` if it has one, and in subfolders, without masks.
 
     Of a raw file and its camera's picture of the same name only the raw file is taken, which is linear.
     Scenes and runs that were made in a subfolder hold no photos of their own.
