@@ -7,7 +7,16 @@ from PIL import Image
 from lightprobe.core.errors import InputError
 from lightprobe.scene.consistency import diagnose, overlap
 from lightprobe.scene.inspect import Inspection, inspect
-from lightprobe.scene.overlay import HULL_COLOR, MASK_COLOR, write_overlay_sheet
+from lightprobe.scene.overlay import (
+    GAP,
+    HULL_COLOR,
+    MASK_COLOR,
+    PAPER,
+    Cell,
+    contact_sheet,
+    outline,
+    write_overlay_sheet,
+)
 from tests.scene.worlds import (
     expected_camera,
     names,
@@ -83,6 +92,8 @@ def turned(*rows):
 
 
 OPENCV = turned((1, 0, 0), (0, -1, 0), (0, 0, -1))
+
+
 slow = pytest.mark.slow
 
 
@@ -190,3 +201,30 @@ def test_outlines_without_a_hull(tmp_path):
     found = inspect(root)
     write_overlay_sheet(found, tmp_path / "sheet.png")
     assert len(found.photos) == 16
+
+
+def test_an_outline_is_as_wide_as_asked_and_leaves_the_border_of_the_picture():
+    shape = np.zeros((9, 9), bool)
+    shape[:, 2:7] = True
+    assert np.flatnonzero(outline(shape)[4]).tolist() == [2, 6]
+    assert np.flatnonzero(outline(shape, 2)[0]).tolist() == [2, 3, 5, 6]
+
+
+def test_pictures_stand_in_the_middle_of_their_cells_below_the_head():
+    red = Cell("red", np.full((10, 20, 3), (255, 0, 0), np.uint8), (255, 255, 255))
+    sheet = np.asarray(contact_sheet([red] * 5, side=40, letters=30, font=11, head=7))
+    rows, columns = np.nonzero((sheet == (255, 0, 0)).all(-1))
+    assert len(rows) == 5 * 10 * 20
+    assert (rows.min(), columns.min()) == (7 + GAP + 15, GAP + 10)
+    assert tuple(sheet[0, 0]) == PAPER
+    assert len(np.unique(columns)) == 4 * 20  # at least four cells stand side by side
+
+
+def test_a_caption_is_cut_and_stands_below_its_picture_in_its_color():
+    picture = np.zeros((40, 40, 3), np.uint8)
+    long, short = (
+        np.asarray(contact_sheet([Cell("x" * n, picture, (0, 255, 0))], side=40, letters=5, font=11))
+        for n in (30, 5)
+    )
+    assert np.array_equal(long, short)
+    assert np.nonzero((long[..., 1] > 200) & (long[..., 0] < 24))[0].min() > GAP + 40

@@ -132,20 +132,13 @@ def _of_photo(asset: Asset, photo: Photo, similarity: Similarity) -> tuple[Tenso
     return torch.from_numpy(features.descriptor[seen]), surface.position.cpu()[torch.from_numpy(hit[seen])]
 
 
-@dataclass(frozen=True)
-class MatchedPose:
-    """A camera, and how many matches agree about it."""
-
-    camera: Camera
-    inliers: int
-
-
 def matched_poses(
     features: Features, landmarks: Landmarks, focals: Sequence[float], width: int, height: int
-) -> list[MatchedPose]:
-    """Return the poses that enough matches agree about, most inliers first; focal lengths in pixels.
+) -> list[tuple[Camera, int]]:
+    """Return the cameras that enough matches agree about with how many do, most inliers first.
 
-    At most one for each voting photo and focal length. Raises `ConfigError` without OpenCV.
+    focals: focal lengths in pixels. At most one camera for each voting photo and focal length. Raises
+    `ConfigError` without OpenCV.
     """
     pairs = _pairs(features, landmarks)
     counts = np.array([len(feature) for feature, _ in pairs])
@@ -159,7 +152,7 @@ def matched_poses(
         place = features.place[feature.numpy()].astype(np.float64)
         point = landmarks.point[landmark].double().numpy()
         found += [pose for focal in focals if (pose := _pose(place, point, focal, width, height)) is not None]
-    return sorted(found, key=lambda pose: -pose.inliers)
+    return sorted(found, key=lambda pose: -pose[1])
 
 
 def _pairs(features: Features, landmarks: Landmarks) -> list[tuple[Tensor, Tensor]]:
@@ -183,7 +176,9 @@ def _pairs(features: Features, landmarks: Landmarks) -> list[tuple[Tensor, Tenso
     return pairs
 
 
-def _pose(place: np.ndarray, point: np.ndarray, focal: float, width: int, height: int) -> MatchedPose | None:
+def _pose(
+    place: np.ndarray, point: np.ndarray, focal: float, width: int, height: int
+) -> tuple[Camera, int] | None:
     cv2 = load_opencv()
     cv2.setRNGSeed(0)
     matrix = np.array([[focal, 0, 0.5 * width], [0, focal, 0.5 * height], [0, 0, 1]])
@@ -210,4 +205,4 @@ def _pose(place: np.ndarray, point: np.ndarray, focal: float, width: int, height
     pose[:3, :3], pose[:3, 3] = rotation.T, -rotation.T @ shift
     if not np.isfinite(pose).all():
         return None
-    return MatchedPose(Camera(pose, focal, focal, 0.5 * width, 0.5 * height, width, height), len(rows))
+    return Camera(pose, focal, focal, 0.5 * width, 0.5 * height, width, height), len(rows)

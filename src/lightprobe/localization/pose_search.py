@@ -84,7 +84,7 @@ class PoseFinder:
         focals = [focal * factor for factor in _FOCALS] if free else [focal]
         features = find_features(pyramid.color, _FEATURES)
         poses = matched_poses(features, self._views.landmarks, focals, *pyramid.size)
-        starts = self._apart([FittedPose(pose.camera, _UNSEEN, pose.inliers) for pose in poses])[:_MATCHED]
+        starts = self._apart([FittedPose(camera, _UNSEEN, inliers) for camera, inliers in poses])[:_MATCHED]
         refined = [self._refined(pyramid, start, _MIDDLE, 3, free) for start in starts]
         return self._followed(pyramid, refined, free)
 

@@ -9,9 +9,10 @@ from lightprobe.core.files import checksum, is_file_name
 from lightprobe.core.run import REMAKE, RunFolder
 from lightprobe.core.stored import checked_object, damaged, remedied
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.frame import Split
 from lightprobe.scene.photo import Photo, Scene
 
-SPLITS = ("train", "test", "relight")
+SPLITS = tuple(split.value for split in Split)
 
 
 def scene_record(scene: Scene) -> dict[str, Any]:
