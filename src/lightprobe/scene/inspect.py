@@ -21,7 +21,7 @@ from lightprobe.scene.consistency import (
 from lightprobe.scene.findings import converted_encodings, encoding_sentences, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
 from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
-from lightprobe.scene.masks import no_background_sentence, without_background
+from lightprobe.scene.masks import without_background
 from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity
 from lightprobe.scene.pixels import load_thumbnail
 
@@ -70,15 +70,19 @@ class Inspection:
 
     def lines(self) -> list[str]:
         """Return the findings as text for a terminal: facts, then the first 20 problems, then the hints."""
-        return [printable(line) for line in self._lines()]
-
-    def _lines(self) -> list[str]:
+        said = numbered("problem", self.problems)
         if self.format is None:
-            return [f"scene    {self.root}", *numbered("problem", self.problems)]
-        facts = [f"scene    {self.root} ({self.format} layout)", f"photos   {_counts(self.photos)}"]
+            return [printable(line) for line in (f"scene    {self.root}", *said)]
+        facts, counts = (
+            [f"scene    {self.root} ({self.format} layout)"],
+            Counter(p.split for p in self.photos),
+        )
+        facts.append("photos   " + ", ".join(f"{counts[split]} {split.value}" for split in Split))
         if self.photos:
             facts.append(sizes([(photo.width, photo.height) for photo in self.photos]))
-            facts += [exposures([photo.ev100 for photo in self.photos]), _coverage(self.photos)]
+            shares = [100 * photo.mask.mean() for photo in self.photos]
+            covered = f"{min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
+            facts += [exposures([photo.ev100 for photo in self.photos]), f"masks    object covers {covered}"]
         if self.encodings:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
@@ -87,7 +91,7 @@ class Inspection:
             facts.append(f"object   centre ({center}), radius {radius} in the scene's units")
         if self.mean_iou is not None:
             facts.append(_agreement(self.photos, self.mean_iou))
-        return [*facts, *numbered("problem", self.problems), *numbered("hint", self.hints)]
+        return [printable(line) for line in (*facts, *said, *numbered("hint", self.hints))]
 
 
 def inspect(path: Path) -> Inspection:
@@ -101,8 +105,7 @@ def inspect(path: Path) -> Inspection:
     photos, alphas = _measure(reading, problems)
     every = [photo for _, photo in reading.all_photos()]
     problems.messages += encoding_sentences(every)
-    if bare := without_background(alphas):
-        problems.messages.append(no_background_sentence(bare, len(alphas)))
+    problems.messages += [sentence] if (sentence := without_background(alphas)[1]) else []
     similarity, photos = _carve(reading, photos, alphas, problems)
     return Inspection(
         reading.root,
@@ -206,16 +209,6 @@ def _outlier(report: PhotoReport, median: float) -> str | None:
     if overlap(~report.mask, report.silhouette) > report.iou + _FAR_BELOW_MEDIAN:
         return f"{report.name}: the mask looks inverted (IoU {report.iou:.2f}); the object must be white."
     return f"{report.name}: mask or pose disagrees with the other photos (IoU {report.iou:.2f}, median {median:.2f})."
-
-
-def _counts(photos: Sequence[PhotoReport]) -> str:
-    counts = Counter(photo.split for photo in photos)
-    return ", ".join(f"{counts[split]} {split.value}" for split in Split)
-
-
-def _coverage(photos: Sequence[PhotoReport]) -> str:
-    shares = [100 * photo.mask.mean() for photo in photos]
-    return f"masks    object covers {min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
 
 
 def _agreement(photos: Sequence[PhotoReport], mean: float) -> str:

@@ -8,14 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import foreign_encoding, image_size, read_exif_ev100
 from lightprobe.scene import colmap, nerd, transforms
 from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_names
-from lightprobe.scene.masks import MaskFolder, no_background_sentence, without_background
+from lightprobe.scene.masks import MaskFolder, without_background
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
@@ -54,9 +52,15 @@ def load_scene(path: Path) -> Scene:
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
-    masks = load_masks([photo for _, photo in reading.all_photos()], _THUMBNAIL, problems)
-    _check_backgrounds(reading, masks)
-    for sentence in encoding_sentences([photo for _, photo in reading.all_photos()]):
+    photos = [photo for _, photo in reading.all_photos()]
+    found = in_parallel(lambda photo: load_alpha(photo, _THUMBNAIL), photos)
+    masks = {photo.name: result() for photo, result in found}
+    bare, sentence = without_background(masks)
+    if 2 * bare >= len(masks) > 0:  # a close-up of the object alone is possible, but not of most photos
+        raise InputError(f"{reading.root}: {sentence}")
+    if bare:
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+    for sentence in encoding_sentences(photos):
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
@@ -85,29 +89,6 @@ def read_folder(path: Path, problems: Problems) -> Reading:
         )
     files = frozenset(frame.image for frame in frames)
     return Reading(root, layout, {split: tuple(found) for split, found in photos.items()}, files)
-
-
-def load_masks(photos: Iterable[Photo], max_side: int, problems: Problems) -> dict[str, np.ndarray]:
-    """Return the masks (h, w) by photo name, scaled to `max_side`; what is wrong goes to `problems`."""
-    found = {}
-    for photo, result in in_parallel(lambda photo: load_alpha(photo, max_side), photos):
-        with problems.guard():
-            found[photo.name] = result()
-    return found
-
-
-def _check_backgrounds(reading: Reading, masks: dict[str, np.ndarray]) -> None:
-    """Raise `InputError` when half of the masks or more show no background, and warn when some do not.
-
-    A close-up of the object alone is possible; most photos being ones is a scene without masks.
-    """
-    bare = without_background(masks)
-    if not bare:
-        return
-    sentence = no_background_sentence(bare, len(masks))
-    if 2 * len(bare) >= len(masks):
-        raise InputError(f"{reading.root}: {sentence}")
-    warnings.warn(sentence, LightprobeWarning, stacklevel=3)
 
 
 def in_parallel(

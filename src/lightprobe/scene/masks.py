@@ -83,14 +83,10 @@ def same_shape(size: tuple[int, int], photo: tuple[int, int]) -> bool:
     return abs(size[0] * photo[1] - size[1] * photo[0]) <= _SAME_SHAPE * size[1] * photo[0]
 
 
-def without_background(alphas: Mapping[str, np.ndarray]) -> list[str]:
-    """Return the names of the photos whose mask (h, w) shows nothing but the object."""
-    return [name for name, alpha in alphas.items() if alpha.min() >= 0.5]
-
-
-def no_background_sentence(names: list[str], photos: int) -> str:
-    """Return what is wrong with the masks of `names`, of a scene's `photos`."""
-    return (
-        f"{len(names)} of {photos} masks show no background, such as that of {names[0]}: "
-        "the object must be white (or opaque) and all else black (or transparent), so that its outline can be seen."
+def without_background(alphas: Mapping[str, np.ndarray]) -> tuple[int, str]:
+    """Return how many masks (h, w), by photo, show nothing but the object, and a sentence about them."""
+    names = [name for name, alpha in alphas.items() if alpha.min() >= 0.5]
+    return len(names), "" if not names else (
+        f"{len(names)} of {len(alphas)} masks show no background, such as that of {names[0]}: the object must be "
+        "white (or opaque) and all else black (or transparent), so that its outline can be seen."
     )
