@@ -95,10 +95,6 @@ class Landmarks:
     photo: Tensor  # (N,) int32 which of the V training photos showed it, ascending
     side: Tensor  # (V, 3) float32 unit direction from the object's origin to each training photo's camera
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return all tensors by name."""
-        return dict(vars(self))
-
 
 def find_landmarks(
     asset: Asset, photos: Sequence[Photo], similarity: Similarity, on_photo: Callable[[int, int], None]

@@ -60,10 +60,6 @@ class Templates:
     lights: Tensor  # (V, K, S, S) float16 orthonormal changes of log luma by light, without their mean
     edges: Tensor  # (V, 2, S, S) float16 direction of the outline, doubled, of total length 1
 
-    def tensors(self) -> dict[str, Tensor]:
-        """Return all tensors by name."""
-        return dict(vars(self))
-
 
 def make_templates(asset: Asset, cameras: Sequence[Camera], device: torch.device) -> Templates:
     """Return the templates of the asset from the sides at which normalised-frame `cameras` look at it."""

@@ -58,7 +58,7 @@ class KnownViews:
     def save(self, path: Path) -> None:
         """Write the views as one safetensors file."""
         focal = {"focal": torch.tensor([self.focal], dtype=torch.float64)}
-        save_tensors(path, self.landmarks.tensors() | self.templates.tensors() | focal)
+        save_tensors(path, vars(self.landmarks) | vars(self.templates) | focal)
 
     @staticmethod
     def load(path: Path) -> "KnownViews":

@@ -23,8 +23,8 @@ from lightprobe.scene.hull import Hull
 from lightprobe.scene.normalise import find_similarity
 
 MARGINS = (0.08, 0.05, 0.03)  # of the object's size: how far from the hull's outline each round looks
-# Of the photos, for the hull of the first cuts and of each round: first cuts lose parts that few points mark, such
-# as a raised arm, and a strict hull would lose them in all photos.
+# Of the photos, for the hull of the first cuts and of each round: first cuts lose parts that few points mark,
+# such as a raised arm, and a strict hull would lose them in all photos.
 AGREEMENTS = (0.7, 0.8, 0.9, 0.9)
 _MANY = 10  # photos from which a part of them may err
 _RESOLUTION = 96  # voxels along an edge of the hull

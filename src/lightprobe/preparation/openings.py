@@ -50,7 +50,7 @@ def openings(
     through, found = {photo: depths.through(photo, view.camera) for photo, view in views.items()}, {}
     for photo, view in views.items():
         near = masks.photos_from_near(solution, photo, solution.points[labels == 1], _OTHERS)
-        # A point that a neighbour saw beside the object tells nothing here, even if much of the hull hides it.
+        # A point that a neighbour saw beside the object tells nothing here, even behind much of the hull.
         candidates = np.unique(np.concatenate([through[other] for other in near if other in through]))
         behind = depths.within(candidates, view.camera, _THICK, np.inf)
         if len(behind) < _FEWEST:

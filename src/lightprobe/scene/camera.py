@@ -16,7 +16,7 @@ from lightprobe.scene.lens import Lens
 # Beyond these no camera has ever been, and arithmetic ends: a photo beyond them is damaged, not unusual.
 _SIDE = 1_000_000  # pixels
 _FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
-_CENTER = 1e3  # distance of the principal point from the image's corner, likewise; photos may be crops of larger ones
+_CENTER = 1e3  # distance of the principal point from the image's corner; photos may be crops of larger ones
 _FAR = 1e12  # coordinates of a position, in the user's units
 
 _AGREEING = 0.3  # length of the mean of unit axes from which they agree on a direction

@@ -25,7 +25,7 @@ from lightprobe.imaging import shrink_area
 from lightprobe.kernels import cast_voxels, vote_on_voxels
 from lightprobe.scene.camera import Camera
 
-_FAR = 0.02  # of a photo's longer side: background further than this from the object is beyond the errors of masks
+_FAR = 0.02  # of a photo's longer side: background this far off the object is beyond the errors of masks
 _FAR_VOTES = 3  # against a voxel, by a photo that has it there; fewer where that one photo would decide alone
 _STRICT, _LENIENT = 0.98, 0.9  # shares of masks that must agree
 _SIDE = 160  # pixels along the longer side of the masks that are compared
