@@ -48,32 +48,18 @@ _WORDS = (b"\n", b" ", b"-1", b"1e999", b"nan", b"4294967296", b"PK\x03\x04", b"
 
 @dataclass(frozen=True)
 class Splice:
-    """Bytes from `at` on, of which `removed` go and `new` come."""
+    """Bytes from `at` on, of which `removed` go and `new` come: these, or a stretch of the file, (start, length)."""
 
-    at: int  # counted around the file's length
+    at: int  # counted around the file's length, as start is
     removed: int
-    new: bytes
+    new: bytes | tuple[int, int]
 
     def apply(self, data: bytes) -> bytes:
         """Return the spoilt file."""
-        start = self.at % (len(data) + 1)
-        return data[:start] + self.new + data[start + self.removed :]
-
-
-@dataclass(frozen=True)
-class Copy:
-    """A stretch of the file written over another place of it, or put in between."""
-
-    start: int
-    length: int
-    to: int
-    between: bool
-
-    def apply(self, data: bytes) -> bytes:
-        """Return the spoilt file."""
-        start, to = self.start % (len(data) + 1), self.to % (len(data) + 1)
-        part = data[start : start + self.length]
-        return data[:to] + part + data[to if self.between else to + len(part) :]
+        at, new = self.at % (len(data) + 1), self.new
+        if isinstance(new, tuple):
+            new = data[new[0] % (len(data) + 1) :][: new[1]]
+        return data[:at] + new + data[at + self.removed :]
 
 
 @dataclass(frozen=True)
@@ -126,7 +112,9 @@ def byte_edits() -> st.SearchStrategy:
     other = st.builds(Splice, place, st.integers(0, 64), new) | st.builds(
         Splice, place, st.just(2**31), st.just(b"")
     )
-    copy = st.builds(Copy, place, st.integers(1, 4096), place, st.booleans())
+    stretch = st.tuples(place, st.integers(1, 4096))
+    copied = st.tuples(place, stretch, st.booleans())
+    copy = copied.map(lambda given: Splice(given[0], given[1][1] * given[2], given[1]))
     edit = over | over | other | copy
     return st.lists(edit, min_size=1, max_size=1) | st.lists(edit, min_size=1, max_size=4)
 

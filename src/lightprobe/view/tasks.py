@@ -87,8 +87,8 @@ class Tasks:
         id = secrets.token_urlsafe(9)
         folder = self._folder / id
         asked = {**request, "task": kind.value, "folder": str(folder)}
-        limit = {"seconds": DEADLINES[kind], "waiting_counts": False}
-        task = PageTask(request=asked, id=id, kind=kind, title=title, folder=folder, **limit)
+        about: dict[str, Any] = {"id": id, "kind": kind, "title": title, "folder": folder}
+        task = PageTask(request=asked, seconds=DEADLINES[kind], waiting_counts=False, **about)
         with self._lock:
             self.pool.check_room()
             folder.mkdir(parents=True)

@@ -53,29 +53,29 @@ _TITLES = {
 }
 
 
-def main() -> None:
-    """Answer requests until there are no more; the argument is the device to compute on."""
-    device = resolve_device(sys.argv[1])
-    sessions, previews = Sessions(device, most=1), CheckpointPreviews(device)  # two need not be held at once
+class Worker:
+    """What can be asked for, and what is kept between requests."""
 
-    def answer(task: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    def __init__(self, device: str):
+        """Compute on `device`."""
+        where = resolve_device(device)
+        self._sessions, self._previews = (
+            Sessions(where, most=1),
+            CheckpointPreviews(where),
+        )  # two need not be held
+
+    def answer(self, task: dict[str, Any], tell: Tell) -> dict[str, Any]:
+        """Return the result of a task; raise `LightprobeError` when it cannot be had."""
         folder, kind = Path(task["folder"]), TaskKind(task["task"])
         if kind is TaskKind.PREVIEW:
-            return previews.write(Path(task["run"]), folder, tell)
+            return self._previews.write(Path(task["run"]), folder, tell)
         if kind is TaskKind.LOAD:
-            return _load(sessions, task)
-        told = (_predict if kind is TaskKind.PREDICT else _insert)(sessions, task, folder, tell)
+            return _load(self._sessions, task)
+        told = (_predict if kind is TaskKind.PREDICT else _insert)(self._sessions, task, folder, tell)
         files = [
             {"name": name, "title": words} for name, words in _TITLES.items() if (folder / name).is_file()
         ]
         return {**told, "files": files}
-
-    answer_requests(answer, _reworded)
-
-
-def _reworded(task: dict[str, Any], sentence: str) -> str:
-    upload = task.get("upload")
-    return sentence if upload is None else renamed(sentence, {Path(upload): task.get("name", "")})
 
 
 def _load(sessions: Sessions, task: dict[str, Any]) -> dict[str, Any]:
@@ -146,5 +146,11 @@ def _insert(sessions: Sessions, task: dict[str, Any], folder: Path, tell: Tell) 
     }
 
 
+def reworded(task: dict[str, Any], sentence: str) -> str:
+    """Return a sentence in which the file that came in is called as the person knows it."""
+    upload = task.get("upload")
+    return sentence if upload is None else renamed(sentence, {Path(upload): task.get("name", "")})
+
+
 if __name__ == "__main__":
-    main()
+    answer_requests(Worker(sys.argv[1]).answer, reworded)
