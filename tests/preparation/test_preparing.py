@@ -18,7 +18,6 @@ from lightprobe.preparation.output import _lost, _warnings, finished, hint_overl
 from lightprobe.preparation.rounds import WRITTEN, Cutting
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
-from measure_prepare import compare, mask_overlaps, written_cameras
 from tests.preparation.ring import SIZE, ball_points, ring_cameras
 from tests.preparation.ring import photographed as photographed_ring
 from turntable_photos import render, write
