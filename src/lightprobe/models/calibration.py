@@ -44,8 +44,7 @@ class Calibration:
             return None
         value = read_object(path, _REMEDY)
         factor, source = value.get("light_factor_rgb"), value.get("source")
-        numbers = [v for v in factor if type(v) in (int, float)] if isinstance(factor, list) else []
-        if numbers != factor or len(numbers) != 3 or not is_plausible(numbers) or not isinstance(source, str):
+        if not isinstance(factor, list) or not is_plausible(factor) or not isinstance(source, str):
             words = f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}"
             raise damaged(path, words, _REMEDY)
         r, g, b = map(float, numbers)
@@ -65,6 +64,7 @@ class Calibration:
         return replace(asset, textures=replace(asset.textures, base_color=color), visibility=visibility)
 
 
-def is_plausible(factor: Sequence[float]) -> bool:
-    """Return whether three numbers can be a calibration's factor."""
-    return all(_LEAST <= v <= _MOST for v in factor)  # neither NaN nor infinity is between them
+def is_plausible(factor: Sequence[Any]) -> bool:
+    """Return whether values are three numbers that can be a calibration's factor."""
+    # Neither NaN nor infinity is between the bounds.
+    return len(factor) == 3 and all(type(v) in (int, float) and _LEAST <= v <= _MOST for v in factor)
