@@ -47,7 +47,7 @@ class Calibration:
         if not isinstance(factor, list) or not is_plausible(factor) or not isinstance(source, str):
             words = f"'light_factor_rgb' is not three numbers from {_LEAST:g} to {_MOST:g}"
             raise damaged(path, words, _REMEDY)
-        r, g, b = map(float, numbers)
+        r, g, b = (float(v) for v in factor)
         return Calibration((r, g, b), source)
 
     def tensor(self, device: torch.device | str = "cpu") -> Tensor:
