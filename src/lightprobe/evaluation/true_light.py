@@ -53,7 +53,7 @@ class TrueLight:
 
     @staticmethod
     def of(environment: Environment, camera: Camera, center: np.ndarray) -> "TrueLight":
-        """Return the same of a light known as a cubemap of the predictions' resolution."""
+        """Light spheres at `center` (3,) by a cubemap of the resolution of the predictions."""
         light = equirect.from_cubemap(environment.texels.cpu(), HEIGHT)
         return TrueLight._shown(environment, light, camera, center)
 

@@ -74,7 +74,7 @@ def _has_triton() -> bool:
 
 
 def require_shape(name: str, tensor: Tensor, *shape: int | None) -> None:
-    """Raise ValueError unless `tensor` has this shape; None stands for any size."""
+    """Raise ValueError unless `tensor`, of any shape, has this one; None stands for any size."""
     sizes = zip(shape, tensor.shape, strict=False)
     matches = tensor.ndim == len(shape) and all(want in (None, size) for want, size in sizes)
     if not matches:

@@ -46,7 +46,7 @@ def relative_tone_weight(color: Tensor, light_level: Tensor) -> Tensor:
 
 
 def beyond_clipping(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return where (bool) the render is brighter than a photo `clipped` (bool) there; all of one shape.
+    """Return where (bool) the render is brighter than a photo `clipped` (bool); all of any one shape.
 
     A saturated pixel only says that the light was at least this strong.
     """
@@ -59,7 +59,7 @@ def one_sided(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
 
 
 def one_sided_residual(render: Tensor, photo: Tensor, clipped: Tensor) -> Tensor:
-    """Return render - photo, zero where the render is beyond clipping; `clipped` (bool); all of one shape."""
+    """Return render - photo, zero where the render is beyond clipping; all of any one shape, `clipped` bool."""
     return one_sided(render, photo, clipped) - photo
 
 
