@@ -23,7 +23,13 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("python3.11", "python3.12", "python3.13")
 # packages and modules that cannot be imported without an extra
-WITH_EXTRAS = ("lightprobe.view", "lightprobe.service", "lightprobe.fleet", "lightprobe.render.gltf_bsdf")
+WITH_EXTRAS = (
+    "lightprobe.view",
+    "lightprobe.service",
+    "lightprobe.web",
+    "lightprobe.fleet",
+    "lightprobe.render.gltf_bsdf",
+)
 _USE = f"""
 import importlib, pkgutil, sys
 import lightprobe

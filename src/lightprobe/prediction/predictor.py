@@ -19,7 +19,8 @@ from torch import Tensor
 from lightprobe.core.config.prediction import Method, OptimizeConfig, PredictConfig, SolveConfig, refinement
 from lightprobe.core.device import full_precision
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.run import RunFolder
+from lightprobe.core.run import REMAKE, RunFolder
+from lightprobe.core.stored import damaged
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.light_accuracy import LightAccuracy
@@ -67,7 +68,12 @@ def is_fitted(method: Method) -> bool:
 
 def recorded_config(run: RunFolder) -> PredictConfig:
     """Return the configuration that a run keeps for predictions, the usual one for runs without."""
-    return PredictConfig.from_json(run.config("predict")) if "predict" in run.sections() else PredictConfig()
+    if "predict" not in run.sections():
+        return PredictConfig()
+    try:
+        return PredictConfig.from_json(run.config("predict"))
+    except ConfigError as error:
+        raise damaged(run.config_file, str(error), REMAKE) from error
 
 
 class Predictor:
