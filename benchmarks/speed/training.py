@@ -17,7 +17,7 @@ from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.run import RunFolder
 from lightprobe.distillation.examples import ExampleMaker, TrainingExample
 from lightprobe.distillation.training import train
-from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -95,7 +95,7 @@ def picture(asset: Asset, side: int, number: int, count: int) -> Target:
     return Target(f"{number:03d}", View.of(view, CPU), color, alpha, clipped)
 
 
-def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -> ImageTask:
+def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) -> ImageObjective:
     """Return the first pass of Phase I on `count` photos, from their visual hull."""
     targets = [picture(asset, config.pass1_side, number, count) for number in range(count)]
     cameras = [camera(config.pass1_side, number, count) for number in range(count)]
@@ -103,10 +103,10 @@ def first_pass(asset: Asset, count: int, config: DecomposeConfig, steps: int) ->
     hull = carved_hull(cameras, masks, config.hull_voxels, lo=(-BOX,) * 3, hi=(BOX,) * 3)
     model = LatticeModel(start_from_hull(hull, config.lattice_cells), config, CPU, SEED)
     lights = Lights([target.name for target in targets], config, CPU, SEED)
-    return ImageTask(model, targets, lights, Stage("pass1", 0, steps), config, SEED)
+    return ImageObjective(model, targets, lights, Stage("pass1", 0, steps), config, SEED)
 
 
-def phase_one_step(task: ImageTask, steps: int) -> float:
+def phase_one_step(task: ImageObjective, steps: int) -> float:
     """Return the median seconds of a step of the training loop."""
     stamps: list[float] = []
     progress = Progress(on_step=lambda *_: stamps.append(time.perf_counter()))

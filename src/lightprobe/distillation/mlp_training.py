@@ -9,7 +9,7 @@ from torch import Tensor
 from lightprobe.core.config.distillation import DistillConfig, RadianceUnit
 from lightprobe.distillation.examples import TrainingExample
 from lightprobe.distillation.loss import intensity_weight, sample_weight, weighted_l2
-from lightprobe.distillation.network_task import NetworkTask, mixed_precision
+from lightprobe.distillation.network_objective import NetworkObjective, mixed_precision
 from lightprobe.light import cubemap
 from lightprobe.models.illumination_mlp import IlluminationMlp
 from lightprobe.models.probe_distribution import stack
@@ -19,7 +19,7 @@ from lightprobe.training.loop import visited
 _RATE = 5e-4  # Adam step (paper, 4.2)
 
 
-class MlpTask(NetworkTask):
+class MlpObjective(NetworkObjective):
     """The illumination MLP and the photos it learns from."""
 
     def __init__(

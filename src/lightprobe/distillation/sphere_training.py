@@ -20,7 +20,7 @@ from torch import Tensor
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import generator, to_device
 from lightprobe.distillation.examples import TrainingExample
-from lightprobe.distillation.network_task import NetworkTask, mixed_precision
+from lightprobe.distillation.network_objective import NetworkObjective, mixed_precision
 from lightprobe.light import cubemap
 from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.models.illumination_mlp import IlluminationMlp
@@ -36,7 +36,7 @@ _RATE, _RATE_FROM_NOISE = 5e-4, 2e-3  # largest Adam step from the bundled weigh
 _SATIN = 0.06  # exponential width in 1 - cosine
 
 
-class SphereTask(NetworkTask):
+class SphereObjective(NetworkObjective):
     """The sphere network and the examples it learns from."""
 
     def __init__(self, sphere: SphereNet, examples: "SphereExamples", config: DistillConfig, seed: int):

@@ -11,8 +11,8 @@ from lightprobe.core.checkpoint import copy_stored
 from lightprobe.core.config.distillation import DistillConfig
 from lightprobe.core.device import full_precision
 from lightprobe.distillation.examples import TrainingExample, collect_examples
-from lightprobe.distillation.mlp_training import MlpTask
-from lightprobe.distillation.sphere_training import SphereTask, schedule, sphere_examples
+from lightprobe.distillation.mlp_training import MlpObjective
+from lightprobe.distillation.sphere_training import SphereObjective, schedule, sphere_examples
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.illumination_mlp import IlluminationMlp
@@ -86,7 +86,7 @@ def train(
     network = new_network(config, seed).to(device)
     resumed = training.latest()
     if resumed is None or resumed.stage == first.name:
-        training.run(MlpTask(network, examples, config, seed), first, resumed)
+        training.run(MlpObjective(network, examples, config, seed), first, resumed)
         resumed = None
     else:
         with training.restoring(resumed.step):
@@ -95,7 +95,7 @@ def train(
     if config.sphere_steps:
         sphere = new_sphere(config, seed).to(device)
         seen = sphere_examples(network, examples, config, seed)
-        training.run(SphereTask(sphere, seen, config, seed), second, resumed, _parameters(network))
+        training.run(SphereObjective(sphere, seen, config, seed), second, resumed, _parameters(network))
         sphere = _learned(sphere, config, seed).requires_grad_(False)
     side = config.light_resolution
     mean = torch.stack([example.target for example in examples]).mean(0).reshape(6, side, side, 3)

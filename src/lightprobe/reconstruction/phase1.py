@@ -12,13 +12,13 @@ from lightprobe.core.device import full_precision
 from lightprobe.light.environment import Environment
 from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake, fill_unseen
-from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
+from lightprobe.reconstruction.texture_objective import PhotoPixels, TextureObjective
 from lightprobe.reconstruction.trials.plausibility import (
     BackgroundLevel,
     ViewLightCorrelation,
@@ -135,7 +135,7 @@ class _Phase:
         targets = [replace(t, background_level=level) for t, level in zip(targets, levels, strict=True)]
         start = start_shape(self.scene, config, self.seed, self.fitted, targets)
         model, lights = LatticeModel(start, config, self.device, self.seed), self.lights()
-        self.training.run(ImageTask(model, targets, lights, stage, config, self.seed), stage, resumed)
+        self.training.run(ImageObjective(model, targets, lights, stage, config, self.seed), stage, resumed)
         fill_unseen(model, [target.view for target in targets])
         # Baking ends the first pass for good: the unwrapper's time limit must not change a resumed run.
         return AssetAndLights(bake(model, config, self.device, self.training.progress.tell), lights.stacked())
@@ -146,8 +146,8 @@ class _Phase:
             return start
         model, lights = SurfaceModel(start.asset, self.config, self.seed), self.lights(start.lights)
         targets = self.targets(self.fitted, self.config.pass2_side)
-        task = ImageTask(model, targets, lights, stage, self.config, self.seed)
-        self.training.run(task, stage, resumed, start.tensors())
+        objective = ImageObjective(model, targets, lights, stage, self.config, self.seed)
+        self.training.run(objective, stage, resumed, start.tensors())
         return self._best(stage, start, [model.asset()], lights)
 
     def third_pass(self, stage: Stage, start: AssetAndLights, resumed: Resumed | None) -> AssetAndLights:
@@ -162,8 +162,8 @@ class _Phase:
         before = asset.textures.resized(max(config.pass3_texture_size, asset.textures.size))
         model = SurfaceModel(replace(asset, textures=before), config, self.seed)
         lights, pixels = self.lights(start.lights), [photo for photo in pixels if len(photo.color) > 0]
-        task = TextureTask(model, pixels, lights, stage, config, self.seed)
-        self.training.run(task, stage, resumed, start.tensors())
+        objective = TextureObjective(model, pixels, lights, stage, config, self.seed)
+        self.training.run(objective, stage, resumed, start.tensors())
         refined = model.asset()
         # Detail that only explains errors of the lights is worse than none; halfway is often better than either.
         halfway = replace(refined, textures=before.halfway(refined.textures))

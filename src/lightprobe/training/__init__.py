@@ -8,6 +8,6 @@ a recording. `loop` takes the steps of a stage, reports them, and writes and rea
 from lightprobe.core import first_calls  # noqa: F401  (its import is its work)
 from lightprobe.training.adam import Adam, ParameterGroup
 from lightprobe.training.descent import Descent
-from lightprobe.training.loop import Progress, Resumed, Stage, Task, Training
+from lightprobe.training.loop import Objective, Progress, Resumed, Stage, Training
 
-__all__ = ["Adam", "Descent", "ParameterGroup", "Progress", "Resumed", "Stage", "Task", "Training"]
+__all__ = ["Adam", "Descent", "Objective", "ParameterGroup", "Progress", "Resumed", "Stage", "Training"]

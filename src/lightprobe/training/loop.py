@@ -33,7 +33,7 @@ _BUFFER, _START = "buffer.", "start."
 _ON_GPU = 25  # steps; few enough that a training gone wrong is noticed within seconds
 
 
-class Task(Protocol):
+class Objective(Protocol):
     """What the loop needs of a stage: its unknowns, and the loss of a step."""
 
     def groups(self) -> list[ParameterGroup]:
@@ -185,7 +185,7 @@ class Training:
 
     def run(
         self,
-        task: Task,
+        objective: Objective,
         stage: Stage,
         resumed: Resumed | None = None,
         start: Mapping[str, Tensor] | None = None,
@@ -198,43 +198,43 @@ class Training:
         now = [0]  # a recorded loss does not look at it
 
         def loss(*given: Tensor) -> Tensor:
-            return task.loss(now[0], now[0] / max(stage.iterations, 1), *given)
+            return objective.loss(now[0], now[0] / max(stage.iterations, 1), *given)
 
         descent = Descent(
-            task.groups(),
+            objective.groups(),
             loss,
             schedule=stage.schedule,
             betas=stage.betas,
             epsilon=stage.epsilon,
             fused=True,
-            recordable=task.recordable,
+            recordable=objective.recordable,
             largest_gradient=stage.largest_gradient,
-            after=task.project,
+            after=objective.project,
         )
         done = 0 if resumed is None else resumed.done
         if resumed is not None and done > 0:
             with self.restoring(resumed.step):
-                task.load_buffers(without_prefix(_BUFFER, resumed.tensors))
+                objective.load_buffers(without_prefix(_BUFFER, resumed.tensors))
                 descent.adam.load(resumed.tensors)
         kept = {_START + name: tensor.detach() for name, tensor in (start or {}).items()}
         losses = LossReader(next(iter(descent.adam.parameters.values())).device)
         for iteration in range(done, stage.iterations):
             now[0] = iteration
             if iteration % self.checkpoint_every == 0:
-                task.refresh(iteration, iteration / max(stage.iterations, 1))
-            loss_of_step = descent.step(iteration, *task.given(iteration))
-            losses.add(loss_of_step, partial(self._note, task, stage, iteration))
+                objective.refresh(iteration, iteration / max(stage.iterations, 1))
+            loss_of_step = descent.step(iteration, *objective.given(iteration))
+            losses.add(loss_of_step, partial(self._note, objective, stage, iteration))
             if (iteration + 1) % self.checkpoint_every and iteration + 1 < stage.iterations:
                 continue
             losses.read()  # before a checkpoint, which must not keep what has gone wrong
-            buffers = {_BUFFER + name: tensor.detach() for name, tensor in task.buffers().items()}
+            buffers = {_BUFFER + name: tensor.detach() for name, tensor in objective.buffers().items()}
             self.save(stage, iteration + 1, {**descent.adam.state(), **buffers, **kept})
         descent.end()
 
-    def _note(self, task: Task, stage: Stage, iteration: int, value: float) -> None:
+    def _note(self, objective: Objective, stage: Stage, iteration: int, value: float) -> None:
         if not math.isfinite(value):
             raise ConvergenceError(
-                f"The loss became {value} in {stage.name} at step {iteration} on photo {task.photos(iteration)}; "
+                f"The loss became {value} in {stage.name} at step {iteration} on photo {objective.photos(iteration)}; "
                 "lower the learning rates or inspect this photo."
             )
         self.progress.step(stage.name, iteration + 1, stage.iterations, value)

@@ -9,7 +9,7 @@ import torch
 from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
-from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.photos import Target
@@ -269,7 +269,7 @@ def test_no_choice_goes_beyond_the_brightest(mean, most):
     true, target, light, lights, config = ball()
     model = _Dark(true, mean)
     lights.maps = [2 * light]
-    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    ImageObjective(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
     assert model.factors[0] <= most + 1e-6
     assert model.factors[0] >= min(most, 1.2) - 1e-6
     assert torch.allclose(lights.maps[0] * model.factors[0], 2 * light)
@@ -287,7 +287,7 @@ def test_lights_on_the_way_by_gradients_follow_the_brightness_too():
     lights = Lights(["ball"], replace(config, light_update=LightUpdate.GRADIENT), CPU, 0)
     lights.load(2 * light[None])
     held, model = lights.maps[0], _Dark(true, 0.2)
-    ImageTask(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
+    ImageObjective(model, [target], lights, Stage("pass1", 0, 10), config, 0).refresh(1, 0.1)
     assert model.factors[0] != 1
     assert lights.maps[0] is held  # as an optimiser holds it
     assert torch.allclose(held * model.factors[0], 2 * light)
@@ -306,7 +306,7 @@ def test_lights_on_the_way_by_gradients_follow_the_brightness_too():
 def test_only_the_first_checkpoints_choose(stage, iteration, choices):
     true, target, _, lights, config = ball()
     model = _Dark(true, 0.2)
-    task = ImageTask(model, [target], lights, stage, replace(config, checkpoint_every=1), 0)
+    task = ImageObjective(model, [target], lights, stage, replace(config, checkpoint_every=1), 0)
     task.refresh(iteration, 0.1)
     assert len(model.factors) == choices
 

@@ -10,8 +10,8 @@ import torch
 from lightprobe.core.config import DecomposeConfig, SdfMode, StartShape
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
-from lightprobe.reconstruction import image_task
-from lightprobe.reconstruction.image_task import ImageTask
+from lightprobe.reconstruction import image_objective
+from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
@@ -146,7 +146,7 @@ def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     model = model_of(inner=None)
     targets, lights = photos(model, count=2)
     task, opened = (
-        ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0),
+        ImageObjective(model, targets, lights, Stage("pass1", 0, 4), model.config, 0),
         vessel(0.64).distance,
     )
     trial = Trial(copy.deepcopy(model.material), TrialPhotos([], task.lights, 0), steps=0)
@@ -154,18 +154,18 @@ def test_the_pass_goes_on_with_the_opening_that_was_found(monkeypatch):
     trial.lights = {"photo1": torch.full_like(task.lights.maps[1], 0.25)}
     for name in ("best_opening", "best_metals", "best_rescaled"):
         found = Opening(opened, trial) if name == "best_opening" else None
-        monkeypatch.setattr(image_task, name, lambda *_, found=found, **__: found)
+        monkeypatch.setattr(image_objective, name, lambda *_, found=found, **__: found)
     task.refresh(1050, 0.7)
     assert torch.allclose(model.distances(), opened, atol=1e-6)
     assert model.material.brightness == trial.material.brightness
     assert (task.lights.maps[1] == 0.25).all()
 
 
-def small_task() -> ImageTask:
+def small_task() -> ImageObjective:
     """The first pass's task of a ball on a coarse lattice, with two photos and no shadows."""
     model = LatticeModel(start_from_box(StartShape.SPHERE, 8, 0), replace(CONFIG, shadows=False), CPU, 0)
     targets, lights = photos(model, count=2)
-    return ImageTask(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
+    return ImageObjective(model, targets, lights, Stage("pass1", 0, 4), model.config, 0)
 
 
 @pytest.mark.parametrize("found", [False, True], ids=["solid", "lid"])
@@ -179,7 +179,7 @@ def test_a_lid_is_in_doubt_until_it_is_tried(monkeypatch, found):
         "best_rescaled": None,
         "choose_brightness": 1.0,
     }.items():
-        monkeypatch.setattr(image_task, name, lambda *_, answer=answer, **__: answer)
+        monkeypatch.setattr(image_objective, name, lambda *_, answer=answer, **__: answer)
     assert task.model.lid_in_doubt  # nobody has looked yet
     task.refresh(300, 0.2)
     assert task.model.lid_in_doubt == found

@@ -19,7 +19,7 @@ from torch import Tensor
 from lightprobe.core.config import DecomposeConfig, ImageLoss, LightUpdate, Smoothed
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
-from lightprobe.reconstruction.image_task import ImageTask, PassTask
+from lightprobe.reconstruction.image_objective import ImageObjective, PassObjective
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -81,7 +81,7 @@ class Step:
         model, lights = SurfaceModel(asset, config), Lights(["photo"], config, CPU, 0)
         light = patch_light((0.8, 0.5, 0.6), 8, 3.0).double()
         lights.maps = [(light * torch.exp(0.2 * torch.randn(light.shape, generator=random))).requires_grad_()]
-        self.task = ImageTask(model, [photo(size)], lights, Stage("pass2", 4, 8), config, 0)
+        self.task = ImageObjective(model, [photo(size)], lights, Stage("pass2", 4, 8), config, 0)
         self.values = {**{name: getattr(model, name) for name in PARAMETERS[:3]}, "light": lights.maps[0]}
 
     def loss(self) -> Tensor:
@@ -206,8 +206,8 @@ class Scale:
         self.projected += 1
 
 
-def task(update: LightUpdate) -> PassTask:
-    made = PassTask()
+def task(update: LightUpdate) -> PassObjective:
+    made = PassObjective()
     made.model = Scale()
     made.lights = Lights(
         ["a", "b"], DecomposeConfig(light_resolution=8, light_update=update), torch.device("cpu"), 0

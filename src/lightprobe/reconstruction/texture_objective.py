@@ -1,4 +1,4 @@
-"""The third pass's task: the textures alone, at the photos' full size, on random pixels of several photos a
+"""The third pass's objective: the textures alone, at the photos' full size, on random pixels of several photos a
 step.
 
 With the shape at rest, which point of the surface a pixel sees is known once and for all. So a step costs
@@ -17,7 +17,7 @@ from lightprobe.core.device import draw_rows, generator, to_device
 from lightprobe.geometry.textures import bilinear_taps
 from lightprobe.kernels import weighted_gather
 from lightprobe.light.photometry import displayed_error
-from lightprobe.reconstruction.image_task import PassTask
+from lightprobe.reconstruction.image_objective import PassObjective
 from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, grey_world, material_prior
 from lightprobe.reconstruction.photos import Target
@@ -74,7 +74,7 @@ class PhotoPixels:
         return *vars(self.surface).values(), self.color, self.clipped
 
 
-class TextureTask(PassTask):
+class TextureObjective(PassObjective):
     """Fit the textures of a surface, and the lights, to pixels of photos."""
 
     model: SurfaceModel

@@ -6,11 +6,11 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.reconstruction import texture_task
+from lightprobe.reconstruction import texture_objective
 from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.reconstruction.texture_task import PhotoPixels, TextureTask
+from lightprobe.reconstruction.texture_objective import PhotoPixels, TextureObjective
 from lightprobe.render.surface import View
 from lightprobe.training import Progress, Stage, Training, descent
 from lightprobe.training.descent import exponential
@@ -48,7 +48,7 @@ def refine(asset, photos, steps, config=CONFIG):
     progress = Progress(on_step=lambda stage, step, steps, loss: losses.append(loss))
     pixels = [PhotoPixels.of(asset, photo, 0) for photo in photos]
     training = Training("Phase I", {}, 0, (stage,), config.checkpoint_every, progress)
-    training.run(TextureTask(model, pixels, lights, stage, config, 0), stage)
+    training.run(TextureObjective(model, pixels, lights, stage, config, 0), stage)
     return model.asset(), losses
 
 
@@ -81,7 +81,9 @@ def test_blotches_come_back():
 @pytest.mark.long
 def test_recorded_steps_find_what_single_ones_do(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)
-    monkeypatch.setattr(texture_task, "_PIXELS", 300)  # which every photo has, so that all steps are alike
+    monkeypatch.setattr(
+        texture_objective, "_PIXELS", 300
+    )  # which every photo has, so that all steps are alike
     config = replace(CONFIG, light_resolution=8)
     photos = targets(glossy_sphere())
 

@@ -1,4 +1,4 @@
-"""The first two passes' task: whole photos, silhouettes included, one per step."""
+"""The first two passes' objective: whole photos, silhouettes included, one per step."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ _PARSIMONY = 0.02  # weight of the entropy of the metals' base colours
 _POINTS = 512  # whose materials are compared for it in a step
 
 
-class PassTask:
+class PassObjective:
     """What the tasks of all passes share: what a checkpoint holds beside parameters, and valid ranges."""
 
     model: LatticeModel | SurfaceModel
@@ -58,7 +58,7 @@ class PassTask:
 
 
 @dataclass
-class ImageTask(PassTask):
+class ImageObjective(PassObjective):
     """Fit a model and the lights to photos, one after the other."""
 
     recordable = False  # each photo covers another number of pixels

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from lightprobe.training import ParameterGroup
 
 
-class NetworkTask:
+class NetworkObjective:
     """A network whose parameters are all that a step changes; its loss is left to the subclasses."""
 
     recordable = True  # the loss depends on the parameters and on tensors that are handed to it
