@@ -8,7 +8,6 @@ import json
 import re
 import shlex
 import shutil
-import signal
 import subprocess
 import sys
 import tomllib
@@ -42,12 +41,15 @@ def lightprobe(folder: Path, *words: str) -> subprocess.CompletedProcess:
 
 
 def serve(folder: Path, words: list[str]) -> None:
-    """Run a server until it tells its address, and end it as Ctrl-C does."""
+    """Run a server until it tells its address, and end it."""
     command = [sys.executable, "-u", "-m", "lightprobe", *words, *SERVERS[words[0]]]
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as server:
-        assert any("http://127.0.0.1" in line for line in server.stdout)
-        server.send_signal(signal.SIGINT)
-        server.communicate(timeout=60)
+        try:
+            assert any("http://127.0.0.1" in line for line in server.stdout)
+            server.terminate()  # not SIGINT, which a test run in the background inherits as ignored
+            server.communicate(timeout=60)
+        finally:
+            server.kill()
 
 
 @pytest.fixture(scope="module")
