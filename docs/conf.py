@@ -8,6 +8,7 @@ import importlib.metadata
 import sys
 from pathlib import Path
 
+import fastapi  # noqa: F401  autodoc imports with TYPE_CHECKING set, under which its models cannot be made
 from sphinx.application import Sphinx
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
@@ -39,9 +40,13 @@ nitpick_ignore_regex = [
     ("py:.*", r"(torch|numpy|scipy|PIL|pathlib|collections|contextlib|types|typing|socket|starlette)\..*"),
     ("py:.*", r"(asyncio|concurrent|fastapi|logging|prometheus_client|pydantic|threading|uvicorn)\..*"),
     # What FastAPI's parameters are annotated with.
-    ("py:class", r"(.*\.)?Annotated|Query|PydanticUndefined|_thread\..*"),
+    (
+        "py:class",
+        r"(.*\.)?Annotated|Query|FieldInfo|(annotated_types\.)?(Ge|Gt|Le)|NoneType|PydanticUndefined|_thread\..*",
+    ),
     # Private names and type variables, which have no entry of their own.
-    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array|Task|Result)"),
+    ("py:class", r"lightprobe\.([a-z_0-9]+\.)+(_\w+|T|Item|Array|Task|Result|Row)"),
+    ("py:class", "App"),
 ]
 
 # The pages of decisions are listed by their index as a table; the site's menu needs them as a tree, too.

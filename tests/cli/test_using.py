@@ -1,18 +1,12 @@
 """What is done with a finished run: render, relight, export, and all of it from Python."""
 
 import json
-import re
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
-from PIL import Image
 
-from lightprobe.core.config import DecomposeConfig, DistillConfig
 from lightprobe.core.errors import ConfigError
-from lightprobe.imaging import read_hdr, read_ldr, srgb_encode, write_png
+from lightprobe.imaging import read_hdr, read_ldr
 from lightprobe.render.path_tracer import check_path_tracer
 from tests.cli.commands import fails, succeed
 from tests.toy_scene import SIZE
@@ -89,35 +83,3 @@ def test_export_writes_every_environment_twice(trained, tmp_path):
     assert (tmp_path / "mesh.glb").is_file()
     exr, hdr = (read_hdr(tmp_path / "env" / f"train_00{suffix}") for suffix in (".exr", ".hdr"))
     assert np.abs(exr - hdr).max() <= exr.max() / 128
-
-
-@pytest.mark.long
-def test_the_readme_s_python_examples_run(trained, tmp_path, monkeypatch):
-    scene, run = trained
-    (tmp_path / "runs").mkdir()
-    shutil.copytree(scene, tmp_path / "scenes" / "cup")
-    shutil.copytree(run.path, tmp_path / "runs" / "cup")
-    color, alpha = read_ldr(scene / "test" / "test_00.png")
-    Image.fromarray((255 * srgb_encode(torch.from_numpy(color)).numpy()).astype(np.uint8)).save(
-        tmp_path / "new.jpg"
-    )
-    write_png(tmp_path / "new_mask.png", np.repeat(alpha[..., None], 3, 2))
-    (tmp_path / "new.json").write_text(json.dumps(run.scene()["photos"]["test"]["test_00"]["camera"]))
-    stored = {
-        phase: {k: v for k, v in run.config(phase).items() if k not in ("seed", "hdri")} for phase in PHASES
-    }
-    short = {
-        "decompose": DecomposeConfig.from_json(stored["decompose"]),
-        "distill": DistillConfig.from_json(stored["distill"]),
-    }
-    monkeypatch.setattr("lightprobe.reconstruction.phase1.DecomposeConfig", lambda: short["decompose"])
-    monkeypatch.setattr("lightprobe.distillation.training.DistillConfig", lambda: short["distill"])
-    monkeypatch.chdir(tmp_path)
-    readme = (Path(__file__).parents[2] / "README.md").read_text()
-    names: dict = {}
-    for example in re.findall(r"```python\n(.*?)```", readme, re.DOTALL):
-        exec(example, names)
-    assert names["image"].shape == (SIZE, SIZE, 3)
-    assert names["scores"]["psnr_masked"] > 5
-    assert read_hdr(tmp_path / "light.exr").shape == (64, 128, 3)
-    assert read_hdr(tmp_path / "seen.exr").shape[:2] == (64, 128)

@@ -21,7 +21,7 @@ COMMANDS = {
     "train": ("training", "both phases"),
     "predict": ("predicting", "one photo in, the environment map around the object out"),
     "locate": ("predicting", "camera and mask of a new photo of the object"),
-    "insert": ("inserting", "a thing of your own put into a photo, in the photo's light"),
+    "insert": ("inserting", "an object of yours (GLB) put into a photo, in the photo's light"),
     "render": ("using", "the object under an environment, from a camera"),
     "relight": ("using", "a turntable and the test views under a new environment"),
     "eval": ("evaluation", "numbers and a report on the test photos"),

@@ -77,8 +77,8 @@ def insert_object(
     files = LayerFiles.of(output)
     read = [request.photo, request.mask_file, Path(thing), light_map, request.camera]
     refuse_replacing(vars(files).values(), read)
-    wish = Placement(at, scale, turn)
-    wish.check()
+    placement = Placement(at, scale, turn)
+    placement.check()
     found, session = load_virtual_object(Path(thing)), Session(run, device)
     light = None if light_map is None else whole_light(light_map, session.device)
     location = BY_NAME.location_of(session.run.path / "predictions", request.photo)
@@ -92,7 +92,7 @@ def insert_object(
         tell_of_scale(light_map, decomposition.calibration)
     check_memory(request.photo, (new.camera.width, new.camera.height), _PIXEL_BYTES)
     view = PhotoView(*new.whole(), new.camera, opaque=is_opaque(request.photo))
-    inserted = insert(decomposition, light, view, found, wish)
+    inserted = insert(decomposition, light, view, found, placement)
     inserted.write(files)
     return InsertedObject(
         **vars(files),

@@ -82,7 +82,7 @@ class NewPhoto:
         """What a doubtful pose adds to the error to expect of ln radiance."""
         return 0.0 if self.location is None else self.location.located.verdict.doubt
 
-    def surroundings(self) -> np.ndarray:
+    def with_background(self) -> np.ndarray:
         """Return what the photo shows, background included, at about the size of its pixels.
 
         (H, W, 3) float32, linear and straight; black where a cut-out photo shows nothing.
@@ -112,7 +112,7 @@ class NewPhoto:
                 case Output.OVERLAY:
                     from lightprobe.localization.locator import write_overlay
 
-                    write_overlay(path, self.surroundings(), self.pixels.alpha)
+                    write_overlay(path, self.with_background(), self.pixels.alpha)
 
 
 def known_photo(run: RunFolder, request: PredictRequest) -> Photo | None:

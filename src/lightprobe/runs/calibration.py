@@ -143,7 +143,7 @@ def calibrate_by_albedo(
     if cover >= _OPAQUE:
         color = gbuffer.base_color.cpu()[chosen].median(0).values
         return _stored(opened.run, color / albedo, f"the object's albedo in {photo.name}")
-    around = opened.photo.surroundings()
+    around = opened.photo.with_background()
     rows, columns = (np.arange(n) * m // n for n, m in zip(around.shape, alpha.shape, strict=False))
     _, patch = _patch(opened.photo.camera, around.shape[:2], point)
     beside = patch & (alpha[rows][:, columns] <= 1 - _OPAQUE)

@@ -137,8 +137,8 @@ def _insert(sessions: Sessions, task: dict[str, Any], folder: Path, tell: Tell) 
     photo = PhotoView(read_ldr(image)[0], read_mask(prediction / "mask.png"), camera, is_opaque(image))
     at = None if task["at"] is None else (task["at"][0] * camera.width, task["at"][1] * camera.height)
     tell("putting it into the photo")
-    wish = Placement(at, task["scale"], task["turn"])
-    made = insert(session.predictor.decomposition, light, photo, given, wish)
+    placement = Placement(at, task["scale"], task["turn"])
+    made = insert(session.predictor.decomposition, light, photo, given, placement)
     made.write(LayerFiles.of(folder / _INSERTED))
     return {
         "picture": _INSERTED,

@@ -62,9 +62,9 @@ class PredictConfig:
     sampled_share: float = 0.25
     """Share of the object's pixels that become light probes."""
     unseen_share: float = 0.02
-    """Weight of the lessons' mean light in the stacked map, relative to the mean weight of the probes; it
-    fills in directions at which hardly a pixel looks, and 0 leaves them as they are, black where no probe
-    reaches."""
+    """Weight of the mean light of the training examples in the stacked map, relative to the mean weight of the
+    probes; it fills in directions at which hardly a pixel looks, and 0 leaves them as they are, black where
+    no probe reaches."""
 
     def __post_init__(self) -> None:
         """Refuse values no prediction could use."""
