@@ -137,8 +137,8 @@ _LOSS_NOTE = (
     "compared. RESULTS.md has intervals and the errors of the lights."
 )
 _FIGURES = (
-    ("1", "overview of Phase I", "README.md, How it is built", NONE),
-    ("2", "overview of Phase II", "README.md, How it is built", NONE),
+    ("1", "overview of Phase I", "CONTRIBUTING.md, Layout", NONE),
+    ("2", "overview of Phase II", "CONTRIBUTING.md, Layout", NONE),
     (
         "3",
         "decomposition of NeRD's Car",

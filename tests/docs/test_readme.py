@@ -70,7 +70,7 @@ def folder(tmp_path_factory):
 def test_the_commands_run_in_order_and_so_does_the_python(folder):
     for command in COMMANDS:
         program, *words = shlex.split(command)
-        if program != "lightprobe" or words == ["demo"]:  # minutes; `test_the_demo_is_there` looks at it
+        if program != "lightprobe" or words == ["demo"]:  # which takes minutes
             continue
         if words[0] == "train":
             words += [*TINY_WITHOUT_TRIALS, *TINY_DISTILL]

@@ -55,10 +55,10 @@ def test_its_readme_is_the_generators():
 
 
 def test_readmes_name_the_photographed_lights_and_their_licence():
-    for text in ((ROOT / "README.md").read_text(), (ROOT.parents[3] / "README.md").read_text()):
-        assert all(name in text for name in PHOTOGRAPHED)
-        assert "Poly Haven" in text
-        assert "CC0" in text
+    bundled, project = ((folder / "README.md").read_text() for folder in (ROOT, ROOT.parents[3]))
+    assert all(name in bundled for name in PHOTOGRAPHED)
+    assert "(src/lightprobe/assets/demo/README.md)" in project
+    assert all(word in text for text in (bundled, project) for word in ("Poly Haven", "CC0"))
 
 
 def test_every_named_file_is_there_and_no_other():
