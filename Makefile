@@ -1,6 +1,6 @@
 # make demo    learn the bundled object, predict light from its test photos, write runs/demo/report/index.html
 # make check   style, types, import contract, shapes in docstrings, fast tests
-# make test    the same with the slow tests: ten to fifteen minutes
+# make test    the same with the slow tests: four to ten minutes
 # make test-all  the same with the long ones (trainings, the documentation's build), as continuous integration runs it
 # make style, make tests   the parts of these three, which run side by side; MARKS chooses tests
 # make docs    the documentation, build/docs/index.html; a warning is an error
