@@ -94,11 +94,6 @@ class PhotoVerdict:
         return tuple(sentence for status, sentence in self._findings() if status is self.status)
 
     @property
-    def of_different_lights(self) -> bool:
-        """Whether one light explains several photos clearly worse than a light for each."""
-        return self.apart is not None and self.apart > _APART
-
-    @property
     def doubt(self) -> float:
         """What the photo adds to the error to expect of ln radiance: 0 for a good one."""
         return 0.0 if self.status is PhotoStatus.GOOD else _DOUBT
