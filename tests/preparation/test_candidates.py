@@ -46,7 +46,7 @@ def turned(monkeypatch):
 
 def test_a_background_that_explains_nothing_of_the_object_is_a_trap(turned):
     photos, matches, inside, right, _ = turned
-    found = choose(photos, matches, [None] * 10, inside)
+    found, _ = choose(photos, matches, [None] * 10, inside)
     assert found.kept.name == SECOND
     assert np.array_equal(found.kept.solution.pose, right.pose)
     assert found.kept.fit.explained > 0.95
@@ -57,7 +57,7 @@ def test_a_background_that_explains_nothing_of_the_object_is_a_trap(turned):
 def test_where_the_object_stands_still_too_the_whole_photos_are_kept(monkeypatch):
     photos, matches, right = photographed(ring_cameras(10), ball_points(OBJECT + BACKGROUND))
     monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right])
-    found = choose(photos, matches, [None] * 10, None)
+    found, _ = choose(photos, matches, [None] * 10, None)
     assert found.kept.name == WHOLE
     assert found.trap is None
     assert len(found.tried) == 1
@@ -66,7 +66,7 @@ def test_where_the_object_stands_still_too_the_whole_photos_are_kept(monkeypatch
 def test_of_two_models_the_one_of_the_object_is_kept(turned, monkeypatch):
     photos, matches, inside, right, wrong = turned
     monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [wrong, right])
-    found = choose(photos, matches, [None] * 10, inside)
+    found, _ = choose(photos, matches, [None] * 10, inside)
     assert found.kept.name == WHOLE
     assert np.array_equal(found.kept.solution.pose, right.pose)
     assert found.kept.apart == (tuple(range(10)),)
@@ -80,7 +80,9 @@ def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_p
     cameras = {name: getattr(right, name)[some] for name in ("photo", "pose", "lens", "size")}
     apart = replace(right, **cameras, **sightings)
     monkeypatch.setattr(candidates, "reconstruct", lambda *arguments: [right, apart])
-    made = kept_choice(Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, None))
+    made = kept_choice(
+        Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, None)[0]
+    )
     again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
     assert made.kept.apart == again.kept.apart == ((1, 4, 6),)
     assert made.kept.to_json()["other_models_photos"] == [3]
@@ -89,7 +91,7 @@ def test_photos_that_fit_together_elsewhere_are_kept_by_index(monkeypatch, tmp_p
 def test_a_choice_is_made_once(turned, tmp_path):
     photos, matches, inside, _, _ = turned
     first = kept_choice(
-        Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside)
+        Cache(tmp_path), "cameras", "key", lambda: choose(photos, matches, [None] * 10, inside)[0]
     )
     again = kept_choice(Cache(tmp_path), "cameras", "key", lambda: pytest.fail("it was kept"))
     assert again.trap == first.trap

@@ -8,7 +8,7 @@ import pytest
 from scipy.ndimage import gaussian_filter1d, zoom
 
 from lightprobe.core.errors import ResourceError
-from lightprobe.preparation import features
+from lightprobe.preparation import features, learned
 from lightprobe.preparation.features import (
     Features,
     find_features,
@@ -40,9 +40,18 @@ def test_a_disk_that_would_run_full_is_one_sentence(monkeypatch):
         pass
 
 
-@pytest.fixture(scope="module")
-def shifted():
-    """A cloudy picture, and the same 12 pixels further left and darker."""
+@pytest.fixture
+def sift(monkeypatch):
+    monkeypatch.setattr(learned, "is_installed", lambda: False)
+
+
+@pytest.fixture(params=["sift", "learned"])
+def shifted(request, monkeypatch):
+    """Features of a cloudy picture, and of the same 12 pixels further left and darker; learned ones are coarser."""
+    if request.param == "sift":
+        request.getfixturevalue("sift")
+    elif not learned.is_installed():
+        pytest.skip("the weights of learned features are not installed")
     rng = np.random.default_rng(0)
     picture = sum(zoom(rng.normal(size=(n, n)), 240 / n, order=1) for n in (12, 30, 60))
     picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
@@ -55,13 +64,13 @@ def test_matches_are_the_same_places(shifted):
     found = match(a, b)
     shift = a.points[found[:, 0]] - b.points[found[:, 1]]
     assert len(found) > 60
-    assert (np.abs(shift - [12, 0]).max(axis=1) < 1).mean() > 0.9
+    assert (np.abs(shift - [12, 0]).max(axis=1) < 1.6).mean() > 0.9
     assert moved(a, b, found).all()
     assert not moved(a, a, match(a, a)).any()
 
 
 @pytest.mark.slow
-def test_a_surface_at_a_slant_is_recognised():
+def test_a_surface_at_a_slant_is_recognised(sift):
     rng = np.random.default_rng(5)
     picture = sum(zoom(rng.normal(size=(n, n)), 400 / n, order=1) for n in (20, 40, 80))
     picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
@@ -80,7 +89,7 @@ def test_what_may_not_be_matched_takes_no_match(shifted):
     assert len(found) > 20
     assert left[found[:, 0]].all()
     shift = a.points[found[:, 0]] - b.points[found[:, 1]]
-    assert (np.abs(shift - [12, 0]).max(axis=1) < 1).mean() > 0.8
+    assert (np.abs(shift - [12, 0]).max(axis=1) < 1.6).mean() > 0.8
 
 
 def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):

@@ -2,17 +2,18 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 
 import numpy as np
 
 from lightprobe.core.errors import InputError
-from lightprobe.preparation import judging
+from lightprobe.preparation import judging, view_graph
+from lightprobe.preparation.adjustment import placed
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
 from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
 
-WHOLE, MOVING, SECOND, MASKED = "whole photos", "what moves", "what moves against the rest", "within masks"
+WHOLE, MOVING, SECOND = "whole photos", "what moves", "what moves against the rest"
 _NEARLY_ALL = 0.9  # of the photos registered: other lenses are not tried then
 _EXPLAINED = 0.8  # share of the object's matches from which a reconstruction is taken for the object's
 _SECOND_PAIRS = 0.5  # pairs per photo that fit in another way than the cameras say, that are worth a look
@@ -28,6 +29,9 @@ class Reconstruction:
     solution: Solution
     fit: judging.ObjectFit
     lenses: Lenses
+    share: dict[int, float] = field(
+        default_factory=dict
+    )  # see `adjustment.Placed`; empty before cameras are placed
     apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join, the largest first
 
     def to_json(self) -> dict[str, object]:
@@ -55,8 +59,8 @@ def choose(
     *,
     seed: int = 0,
     on_model: Callable[[str], None] = lambda name: None,
-) -> Choice:
-    """Return the best reconstruction of matches (M, 2) without masks.
+) -> tuple[Choice, Matches]:
+    """Return the best reconstruction of matches (M, 2) by pair, and the matches that it is made of.
 
     inside: the features known, or thought, to lie on the object, (N,) bool for each photo; None: those around
     the middle. Raises `InputError` when nothing can be reconstructed.
@@ -73,7 +77,7 @@ def choose(
                 "stay at their place were left out, as they would have held the cameras still."
             )
             why = "only this explains what moves: the rest stands at the same place in every photo"
-            return Choice(kept, (kept,), why, trap, True)
+            return Choice(kept, (kept,), why, trap, True), moving
     on_model(WHOLE)
     asked = judging.ObjectMatches(photos, matches, regions, seed)
     whole = best_lenses(WHOLE, photos, matches, focal, asked, seed)
@@ -85,60 +89,34 @@ def choose(
     good = f"it explains {whole.fit.explained:.0%} of the matches on the object"
     plain, total = Choice(whole, (whole,), good, None, False), len(photos)
     if whole.fit.explained >= _EXPLAINED:
-        return plain
+        return plain, matches
     left = judging.unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
     rest = judging.ObjectMatches(photos, left, everywhere, seed)
     if len(rest.pairs) < _SECOND_PAIRS * total:
-        return plain
+        return plain, matches
     on_model(SECOND)
     second = best_lenses(SECOND, photos, left, focal, rest, seed)
     if second is None:
-        return plain
+        return plain, matches
     second = replace(second, fit=asked.judge(second.solution))
     if second.fit.score(total) < _BETTER * whole.fit.score(total):
-        return replace(plain, tried=(whole, second))
+        return replace(plain, tried=(whole, second)), matches
     trap = (
         f"Trap: the whole photos gave cameras for {whole.fit.registered} of {total} photos that explain only "
         f"{whole.fit.explained:.0%} of the matches on the object: the background stands still while the object was "
         "turned or moved."
     )
     why = f"it explains {second.fit.explained:.0%} of the matches on the object"
-    return Choice(second, (whole, second), why, trap, True)
+    return Choice(second, (whole, second), why, trap, True), left
 
 
-def within_masks(
-    photos: Sequence[Features],
-    focal: Sequence[float | None],
-    inside: Sequence[np.ndarray],
-    choice: Choice,
-    *,
-    seed: int = 0,
+def with_exact_cameras(
+    choice: Choice, photos: Sequence[Features], matches: Matches, pictures: Sequence[np.ndarray]
 ) -> Choice:
-    """Return the choice after a reconstruction from the features `inside` the masks, (N,) bool each.
-
-    It is made where the kept one explains too little of the object, and taken where it is better.
-    """
-    own = match_photos(photos, inside)
-    asked = judging.ObjectMatches(photos, own, inside, seed)
-    before = replace(choice.kept, fit=asked.judge(choice.kept.solution))
-    total = len(photos)
-    if before.fit.explained >= _EXPLAINED and before.fit.registered >= _NEARLY_ALL * total:
-        return replace(choice, kept=before)
-    found = best_lenses(MASKED, photos, own, focal, asked, seed)
-    if found is None or found.fit.score(total) < before.fit.score(total):
-        return replace(choice, kept=before)
-    why = (
-        f"it explains {found.fit.explained:.0%} of the object's matches, of {found.fit.registered} photos; "
-        f"{before.name} {before.fit.explained:.0%}, of {before.fit.registered}"
-    )
-    trap = choice.trap
-    if trap is None and before.fit.explained < _EXPLAINED:
-        trap = (
-            f"Trap: {before.name} gave cameras for {before.fit.registered} of {total} photos that explain only "
-            f"{before.fit.explained:.0%} of the matches on the object: the background does not move with it."
-        )
-    return Choice(found, (*choice.tried, found), why, trap, choice.moving)
+    """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there."""
+    exact = placed(photos, matches, choice.kept.solution, pictures)
+    return replace(choice, kept=replace(choice.kept, solution=exact.solution, share=exact.share))
 
 
 def best_lenses(
@@ -151,21 +129,22 @@ def best_lenses(
 ) -> Reconstruction | None:
     """Return the reconstruction of matches (M, 2) with the lenses that register most photos, or None.
 
-    Of several models that do not join, it has the one that does best on the object. Between lenses, matches
+    Only pairs that agree on rotations have a vote (`view_graph`). Of several models that do not join, it has the one that does best on the object. Between lenses, matches
     and photos being the same, the one that registers more is better: a wrong lens loses photos.
     """
     best: Reconstruction | None = None
+    agreed = view_graph.consistent(photos, matches, focal, seed).matches
     for lenses in _trials(photos, focal):
-        models = reconstruct(photos, matches, focal, lenses, seed)
+        models = reconstruct(photos, agreed, focal, lenses, seed)
         if not models:
             continue
         fits = [asked.judge(model) for model in models]
         kept = max(range(len(models)), key=lambda k: fits[k].score(len(photos)))
         apart = tuple(tuple(model.photo.tolist()) for k, model in enumerate(models) if k != kept)
-        found = Reconstruction(name, models[kept], fits[kept], lenses, apart)
+        found = Reconstruction(name, models[kept], fits[kept], lenses, apart=apart)
         if best is None or len(found.solution.photo) > len(best.solution.photo):
             best = found
-        if len(found.solution.photo) >= _NEARLY_ALL * _matched(matches, len(photos)):
+        if len(found.solution.photo) >= _NEARLY_ALL * _matched(agreed, len(photos)):
             break
     return best
 
@@ -201,7 +180,8 @@ def _to_arrays(choice: Choice) -> dict[str, np.ndarray]:
 
 def _words(found: Reconstruction) -> dict[str, object]:
     fit, lenses = asdict(found.fit), found.lenses.name
-    return {"name": found.name, "verdict": fit, "lenses": lenses, "apart": found.apart}
+    share = list(found.share.items())
+    return {"name": found.name, "verdict": fit, "lenses": lenses, "apart": found.apart, "share": share}
 
 
 def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
@@ -214,7 +194,8 @@ def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
             judging.ObjectFit(**stored["verdict"]),
             tuple(tuple(photos) for photos in stored["apart"]),
         )
-        return Reconstruction(stored["name"], solution, fit, Lenses[stored["lenses"]], apart)
+        share = {int(photo): float(value) for photo, value in stored["share"]}
+        return Reconstruction(stored["name"], solution, fit, Lenses[stored["lenses"]], share, apart)
 
     tried = tuple(reconstruction(stored) for stored in words["tried"])
     return Choice(reconstruction(words["kept"]), tried, words["why"], words["trap"], words["moving"])

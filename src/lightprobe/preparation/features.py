@@ -1,8 +1,8 @@
-"""Features of photos under changing light: SIFT by COLMAP on pictures of even contrast, and which photos
-match.
+"""Features of photos under changing light, on pictures of even contrast, and which photos match.
 
-Descriptors are compared by their scalar product, as COLMAP stores them: 128 bytes each, of nearly equal
-length.
+Learned ones (`learned`) where the extra `matching` is installed. Otherwise SIFT by COLMAP, which ends where an object
+shines or neighbouring photos stand more than some 20 degrees apart; its descriptors are compared by their scalar
+product, 128 bytes each, of nearly equal length.
 """
 
 import contextlib
@@ -20,6 +20,8 @@ from PIL import Image
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
 from lightprobe.core.partial import partial_folder
+from lightprobe.core.threads import in_threads
+from lightprobe.preparation import learned
 
 _SILENT = 4  # beyond glog's FATAL, 3
 _BESIDE = 64 << 20  # bytes that are to be free beside what is asked for
@@ -27,10 +29,18 @@ MOST = 2500  # features of a photo: twice as many take four times as long to mat
 _PEAK = 0.0015  # contrast of a feature's blob, a quarter of COLMAP's: objects are smoother than houses
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
+MOST_LEARNED = 1024  # learned ones: matching takes a tenth of a second a pair, four times as long with 2048
+_LEARNED_SIDE = (
+    960  # pixels of the longer side that these are found in: of larger pictures they see too little at once
+)
+_MAGNIFY = 2.0  # at most, of a smaller picture: beyond, there is nothing new
+_LIKELY = 0.8  # cosine of learned descriptors that may be of one place
+_FEW_LEARNED = 512  # as the following
 _FEW = 300  # features of a photo that are compared to find out which photos match at all
 _THREADS = 4  # at most: each takes half a gigabyte for a picture of 1600 pixels
 _ROW = 200  # bytes of a feature in COLMAP's database, or a little less
 _LEAST_SIDE = 32  # pixels of a picture with features: COLMAP's affine ones end the process below 16
+_AT_ONCE = 16  # pairs that are matched between two words on progress
 PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
 
@@ -67,10 +77,10 @@ def working_folder(needed: int) -> Iterator[Path]:
 
 @dataclass(frozen=True)
 class Features:
-    """The features of one photo, largest blobs first."""
+    """The features of one photo, largest blobs or likeliest points first."""
 
     points: np.ndarray  # (N, 2) float32, pixels of the working picture: x, y
-    descriptors: np.ndarray  # (N, 128) uint8
+    descriptors: np.ndarray  # (N, 128) uint8, or (N, 64) float32 where they are learned
     width: int  # of the working picture
     height: int
 
@@ -78,10 +88,16 @@ class Features:
         """Return the features at `chosen` (N,) bool or (K,) int."""
         return Features(self.points[chosen], self.descriptors[chosen], self.width, self.height)
 
+    def marked(self, points: np.ndarray) -> "Features":
+        """Return points (N, 2) of the same picture, without descriptors."""
+        return Features(points, np.zeros((len(points), 0), np.uint8), self.width, self.height)
+
 
 def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     """Return the features of each picture (H, W) uint8; raises `ConfigError` without pycolmap."""
     pycolmap = pycolmap_library()
+    if learned.is_installed():
+        return in_threads(_learned, pictures)
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = min(torch.get_num_threads(), _THREADS), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
@@ -100,6 +116,18 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
         found = [_stored(opened, name, picture) for name, picture in named.items()]
         opened.close()
     return found
+
+
+def _learned(picture: np.ndarray) -> Features:
+    """Return the learned features of a picture (H, W) uint8."""
+    cv2 = opencv_library()
+    height, width = picture.shape
+    scale = min(_MAGNIFY, _LEARNED_SIDE / max(picture.shape))
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
+    points, descriptors = learned.find(small, MOST_LEARNED)
+    points *= np.array([width / small.shape[1], height / small.shape[0]], np.float32)
+    return Features(points, descriptors, width, height)
 
 
 def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
@@ -122,6 +150,11 @@ def match(a: Features, b: Features) -> np.ndarray:
     """Return the matches (M, 2) uint32 of two photos: features that are clearly each other's nearest."""
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
+    if a.descriptors.dtype != np.uint8:
+        sizes = (a.width, a.height), (b.width, b.height)
+        return learned.match((a.points, a.descriptors), (b.points, b.descriptors), *sizes)[0].astype(
+            np.uint32
+        )
     scores = _unit(a.descriptors) @ _unit(b.descriptors).T
     column = torch.from_numpy(scores.numpy().argmax(axis=1))  # a quarter of the time of PyTorch's
     rows = torch.arange(len(column))
@@ -148,10 +181,12 @@ def match_photos(
     rows = [np.flatnonzero(flags) for flags in (everything if allowed is None else allowed)]
     chosen = [features.select(kept) for features, kept in zip(photos, rows, strict=True)]
     pairs, found = likely_pairs(chosen), {}
-    for done, (i, j) in enumerate(pairs):
-        matches = match(chosen[i], chosen[j])
-        found[i, j] = np.stack([rows[i][matches[:, 0]], rows[j][matches[:, 1]]], 1).astype(np.uint32)
-        on_pair(done + 1, len(pairs))
+    for first in range(0, len(pairs), _AT_ONCE):
+        some = pairs[first : first + _AT_ONCE]
+        matched = in_threads(lambda pair: match(chosen[pair[0]], chosen[pair[1]]), some)
+        for (i, j), matches in zip(some, matched, strict=True):
+            found[i, j] = np.stack([rows[i][matches[:, 0]], rows[j][matches[:, 1]]], 1).astype(np.uint32)
+        on_pair(first + len(some), len(pairs))
     return found
 
 
@@ -175,15 +210,31 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
     everything = [(i, j) for i in range(count) for j in range(i + 1, count)]
     if count <= 2 * PARTNERS:
         return everything
-    small = [features.select(np.arange(min(_FEW, len(features.points)))) for features in photos]
+    few = (
+        _FEW_LEARNED
+        if any(len(each.descriptors) and each.descriptors.dtype != np.uint8 for each in photos)
+        else _FEW
+    )
+    small = [features.select(np.arange(min(few, len(features.points)))) for features in photos]
     scores = np.zeros((count, count))
     for i, j in everything:
-        found = match(small[i], small[j])
+        found = _likely(small[i], small[j])
         away = moved(small[i], small[j], found).sum()
         scores[i, j] = scores[j, i] = away + 0.1 * (len(found) - away)
     near = np.argsort(-scores, axis=1, kind="stable")[:, :PARTNERS]
     chosen = {(min(i, int(j)), max(i, int(j))) for i in range(count) for j in near[i] if scores[i, j] > 0}
     return sorted(chosen)
+
+
+def _likely(a: Features, b: Features) -> np.ndarray:
+    """Return matches (M, 2) that are found fast; many of the learned ones are wrong."""
+    if a.descriptors.dtype == np.uint8 or not len(a.points) or not len(b.points):
+        return match(a, b)
+    scores = a.descriptors @ b.descriptors.T
+    column = scores.argmax(1)
+    rows = np.arange(len(column))
+    kept = (scores.argmax(0)[column] == rows) & (scores[rows, column] > _LIKELY)
+    return np.stack([rows[kept], column[kept]], 1)
 
 
 def _unit(descriptors: np.ndarray) -> torch.Tensor:

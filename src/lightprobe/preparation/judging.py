@@ -13,7 +13,8 @@ import numpy as np
 
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation.features import Features, moved, pycolmap_library
-from lightprobe.preparation.mapping import Matches, Solution, straightened
+from lightprobe.preparation.geometry import epipolar_distance, same_side
+from lightprobe.preparation.mapping import Matches, Solution
 from lightprobe.scene.camera import Camera
 
 _OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
@@ -135,9 +136,9 @@ class ObjectMatches:
         cameras, bends = solution.cameras(), solution.distortion()
         fits, total = 0, 0
         for (i, j), rows in self.pairs.items():
-            if i in cameras and j in cameras:
-                off = _epipolar_distance(self._photos, (i, j), rows, cameras, bends)
-                fits, total = fits + int((off < _OFF).sum()), total + len(rows)
+            if i in cameras and j in cameras and same_side(cameras[i], cameras[j]):
+                off = epipolar_distance(self._photos, (i, j), rows, cameras, bends)
+                fits, total = fits + int((off < _allowed(cameras[i])).sum()), total + len(rows)
         on_object = np.zeros(len(solution.points), bool)
         for photo in np.unique(solution.seen_by):
             mine = solution.seen_by == photo
@@ -154,9 +155,15 @@ def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution
     left = {}
     for (i, j), rows in matches.items():
         if i in cameras and j in cameras and len(rows):
-            rows = rows[_epipolar_distance(photos, (i, j), rows, cameras, bends) > _OFF]
+            off = epipolar_distance(photos, (i, j), rows, cameras, bends)
+            rows = rows[off > _allowed(cameras[i])]
         left[i, j] = rows
     return left
+
+
+def _allowed(camera: Camera) -> float:
+    """Return how many pixels a match that fits may lie off its epipolar line."""
+    return _OFF * max(camera.width, camera.height)
 
 
 def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarray:
@@ -168,34 +175,6 @@ def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarra
     points = (each.points[rows[:, k]].astype(np.float64) for k, each in enumerate((a, b)))
     found = pycolmap.estimate_fundamental_matrix(*points, options)
     return np.zeros(len(rows), bool) if found is None else np.asarray(found["inlier_mask"], bool)
-
-
-def _epipolar_distance(
-    photos: Sequence[Features],
-    pair: tuple[int, int],
-    rows: np.ndarray,
-    cameras: Mapping[int, Camera],
-    bends: Mapping[int, float],
-) -> np.ndarray:
-    """Return Sampson's distance (M,) of matches from their cameras' epipolar geometry, in longer sides."""
-    (i, j), first, second = pair, cameras[pair[0]], cameras[pair[1]]
-
-    def rays(k: int, column: int) -> np.ndarray:
-        """Return image points as (x / z, y / z, 1) with y down, (M, 3)."""
-        camera, points = cameras[k], photos[k].points[rows[:, column]].astype(np.float64)
-        plane = (straightened(points, camera, bends[k]) - [camera.cx, camera.cy]) / camera.fx
-        return np.concatenate([plane, np.ones((len(rows), 1))], 1)
-
-    x, y = rays(i, 0), rays(j, 1)
-    flip = np.diag([1.0, -1.0, -1.0])
-    turn = flip @ second.camera_to_world[:3, :3].T @ first.camera_to_world[:3, :3] @ flip
-    shift = flip @ second.camera_to_world[:3, :3].T @ (first.position - second.position)
-    tx, ty, tz = shift / max(float(np.linalg.norm(shift)), 1e-12)
-    essential = np.array([[0, -tz, ty], [tz, 0, -tx], [-ty, tx, 0]]) @ turn
-    there, back = x @ essential.T, y @ essential
-    slope = there[:, 0] ** 2 + there[:, 1] ** 2 + back[:, 0] ** 2 + back[:, 1] ** 2
-    distance = np.abs((y * there).sum(1)) / np.sqrt(np.maximum(slope, 1e-18))
-    return distance * first.fx / max(first.width, first.height)
 
 
 def _angle(solution: Solution, chosen: np.ndarray) -> float:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from lightprobe.core.errors import InputError
+from lightprobe.preparation import learned
 from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.features import Features, find_features, match_photos
 from lightprobe.preparation.judging import sampled
@@ -25,6 +26,7 @@ class Seen:
     """What is kept of one photo."""
 
     features: Features
+    grey: np.ndarray  # (H, W) uint8, which the features were found in
     color: np.ndarray  # (h, w, 3) uint8 sRGB
     given: np.ndarray | None  # (h, w) float32, the user's mask
     sharpness: float
@@ -34,7 +36,8 @@ def look_at_all(
     photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
 ) -> list[Seen]:
     """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
-    keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout) for photo in photos]
+    kind = learned.is_installed()
+    keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout, kind) for photo in photos]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
     if len(missing) < len(photos):
@@ -58,7 +61,8 @@ def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
     found = find_features([each.grey for each in pictures])
     return [
         {
-            **{"points": features.points, "descriptors": features.descriptors, "color": each.color},
+            **{"points": features.points, "descriptors": features.descriptors},
+            **{"grey": each.grey, "color": each.color},
             "size": np.array([features.width, features.height]),
             "sharpness": np.array(each.sharpness),
             **({} if each.alpha is None else {"given": each.alpha}),
@@ -71,7 +75,7 @@ def _seen(kept: Mapping[str, np.ndarray]) -> Seen:
     """Return the kept arrays, of any shape, of one photo as what they are."""
     width, height = (int(length) for length in kept["size"])
     features = Features(kept["points"], kept["descriptors"], width, height)
-    return Seen(features, kept["color"], kept.get("given"), float(kept["sharpness"]))
+    return Seen(features, kept["grey"], kept["color"], kept.get("given"), float(kept["sharpness"]))
 
 
 def _stamp(mask: Path | None) -> list[float] | None:
@@ -89,7 +93,9 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
         counts = np.array([len(each) for each in found.values()], np.int64)
         return {"pairs": pairs, "rows": rows, "counts": counts}
 
-    kept = cache.arrays("matches", key_of([[photo.checksum, photo.cutout] for photo in photos]), make)
+    kept = cache.arrays(
+        "matches", key_of(learned.is_installed(), [[photo.checksum, photo.cutout] for photo in photos]), make
+    )
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], parts, strict=True)}
 

@@ -116,7 +116,7 @@ def reconstruct(
             calibration.random_seed = seed
             pycolmap.calibrate_view_graph(database, calibration)
         models = pycolmap.incremental_mapping(database, folder, folder, _options(pycolmap, lenses, seed))
-        found = [_solution(model) for model in models.values()]
+        found = [solution_of(model) for model in models.values()]
     return sorted(found, key=lambda model: -len(model.photo))
 
 
@@ -198,7 +198,7 @@ def _write_camera(pycolmap: Any, database: Any, size: tuple[int, int], told: flo
     return camera.camera_id
 
 
-def _solution(model: Any) -> Solution:
+def solution_of(model: Any) -> Solution:
     """Return COLMAP's model with OpenGL's axes."""
     registered = (model.image(number) for number in model.reg_image_ids())
     images = sorted(registered, key=lambda image: int(image.name))

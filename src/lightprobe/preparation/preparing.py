@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +11,13 @@ import numpy as np
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import checksum, disk_errors, holds_files, locked_file
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
-from lightprobe.preparation.candidates import Choice, choose, kept_choice, within_masks
-from lightprobe.preparation.judging import inside_masks, moving_features, spread
+from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
+from lightprobe.preparation.judging import inside_masks, spread
 from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
 from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
-from lightprobe.preparation.rounds import Cutting, cut_rounds, features_inside, own_masks
+from lightprobe.preparation.rounds import cut_rounds, own_masks
 from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
@@ -86,11 +86,7 @@ def _work(
     output: Path,
     on_progress: OnProgress,
 ) -> dict[str, Any]:
-    """Do what is left to do, and return what prepare.json holds.
-
-    Cameras come from a reconstruction, and masks by them; a second reconstruction within these masks replaces
-    the first where that failed.
-    """
+    """Do what is left to do, and return what prepare.json holds."""
     cache = Cache(output / HIDDEN)
     seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
@@ -106,25 +102,12 @@ def _work(
         def on_model(name: str) -> None:
             on_progress(f"cameras: {name}", 0, 1)
 
-        return choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
-
-    def cut(choice: Choice) -> Cutting:
-        return cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
+        chosen, used = choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
+        on_progress("cameras: placing", 0, 1)
+        return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
     choice = kept_choice(cache, "cameras", key, first)
-    cutting = cut(choice)
-    if not all(photo.cutout for photo in photos):  # else nothing but the object was matched
-        everywhere = [np.ones(len(each.points), bool) for each in features]
-        moving = moving_features(features, matches) if choice.moving else everywhere
-        masked = features_inside(cutting, features, moving)
-
-        def again() -> Choice:
-            return within_masks(features, focal, masked, choice, seed=options.seed)
-
-        masked_key = key_of(key, [key_of(flags.tolist()) for flags in masked])
-        second = kept_choice(cache, "cameras-within-masks", masked_key, again)
-        same = second.kept.name == choice.kept.name
-        cutting = replace(cutting, choice=second) if same else cut(second)
+    cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
     whole = key_of(key, asdict(options))
     return write_scene(output, photos, seen, matches, cutting, options, whole, on_progress)
 

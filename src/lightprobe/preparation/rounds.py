@@ -14,9 +14,7 @@ from lightprobe.imaging import read_mask, resize_area
 from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.cutting import masks_of, rembg_mask
-from lightprobe.preparation.features import Features
 from lightprobe.preparation.looking import Seen
-from lightprobe.preparation.mapping import straightened
 from lightprobe.preparation.masks import (
     AGREEMENTS,
     MARGINS,
@@ -127,24 +125,6 @@ def _view(
     is_small = known.shape == (height, width)
     mask = known if is_small else resize_area(known.astype(np.float32), height, width) >= 0.5
     return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
-
-
-def features_inside(
-    cutting: Cutting, photos: Sequence[Features], otherwise: Sequence[np.ndarray]
-) -> list[np.ndarray]:
-    """Return which features lie inside the masks, (N,) bool for each photo; `otherwise` without a mask."""
-    cameras, bends = cutting.choice.kept.solution.cameras(), cutting.choice.kept.solution.distortion()
-    inside = []
-    for index, features in enumerate(photos):
-        mask = cutting.masks.get(index)
-        if mask is None or not mask.any():
-            inside.append(otherwise[index])
-            continue
-        points = straightened(features.points.astype(np.float64), cameras[index], bends[index])
-        scale = np.array([mask.shape[1] / features.width, mask.shape[0] / features.height])
-        columns, rows = np.clip(points * scale, 0, [mask.shape[1] - 1, mask.shape[0] - 1]).astype(int).T
-        inside.append(mask[rows, columns])
-    return inside
 
 
 def written_masks(output: Path) -> dict[str, list[Any]]:

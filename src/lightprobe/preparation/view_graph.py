@@ -1,0 +1,185 @@
+"""Which matches of which pairs of photos belong to one object: rotations that most pairs agree on.
+
+Painted and symmetric objects look alike from several sides, so that pairs of photos fit together at a wrong angle,
+with a hundred matches and more (Cai et al. 2023 call them doppelgangers). Alone such a pair cannot be told from a right
+one. Together they can: cameras that nearly look along one line at the same side of the object have to match, and where
+photos that a hypothesis puts side by side do not, this speaks against it. Groups of photos are joined, the surest
+first, by the relative rotation with the most matches for it less the matches that it lacks.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightprobe.core.threads import in_threads
+from lightprobe.preparation.features import Features, pycolmap_library
+
+Pair = tuple[int, int]
+Matches = Mapping[Pair, np.ndarray]
+FEWEST_MATCHES = 15  # of a pair that may count
+_OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
+_TRIALS = 2000  # of a pair's geometry
+_FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
+_AGREE = 12.0  # degrees between relative rotations that are the same: those of flat sides are no better
+_FADE = 30.0  # degrees between viewing directions over which matches become fewer, as exp(-(angle / this)^2)
+_EXPECTED = 0.35  # of the matches that a photo has with its best partners, below which a pair lacks some
+_PARTNERS = 3  # best partners that tell how many matches a photo can have
+_RIVALS = 6  # hypotheses for a pair of groups that are looked at
+_LEAST = 20  # matches more for than against, from which groups are joined
+
+
+@dataclass(frozen=True)
+class Edge:
+    """Two photos with matches that fit together."""
+
+    pair: Pair
+    rotation: np.ndarray  # (3, 3) from the first camera's axes to the second's, COLMAP's
+    matches: np.ndarray  # (M, 2) uint32
+
+
+@dataclass(frozen=True)
+class ViewGraph:
+    """Rotations of photos that agree, and the matches that fit them."""
+
+    group: np.ndarray  # (K,) int, equal for photos whose rotations are in one frame
+    rotation: np.ndarray  # (K, 3, 3) world to camera, within the group's frame
+    matches: dict[Pair, np.ndarray]
+
+
+def consistent(
+    photos: Sequence[Features], matches: Matches, focal: Sequence[float | None], seed: int = 0
+) -> ViewGraph:
+    """Return the rotations that the pairs' matches (M, 2) agree on, and the matches of the pairs that agree.
+
+    focal: focal length over the longer side of each photo, None where unknown.
+    """
+    edges = _edges(photos, matches, focal, seed)
+    group, rotation = _joined(len(photos), edges)
+
+    def agrees(edge: Edge) -> bool:
+        i, j = edge.pair
+        return group[i] == group[j] and _angle(rotation[j].T @ edge.rotation @ rotation[i]) < _AGREE
+
+    return ViewGraph(group, rotation, {edge.pair: edge.matches for edge in edges if agrees(edge)})
+
+
+def _edges(
+    photos: Sequence[Features], matches: Matches, focal: Sequence[float | None], seed: int
+) -> list[Edge]:
+    """Return the pairs with a relative rotation and the matches that fit it."""
+    pycolmap = pycolmap_library()
+    options = pycolmap.TwoViewGeometryOptions()
+    options.compute_relative_pose, options.ransac.random_seed = True, seed
+    options.ransac.max_num_trials = _TRIALS
+
+    def camera(photo: Features, ratio: float | None) -> object:
+        size = photo.width, photo.height
+        length = (ratio or _FALLBACK_FOCAL) * max(size)
+        return pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.SIMPLE_RADIAL, length, *size)
+
+    cameras = [camera(photo, ratio) for photo, ratio in zip(photos, focal, strict=True)]
+    points = [photo.points.astype(np.float64) for photo in photos]
+
+    def edge(pair: Pair) -> Edge | None:
+        i, j = pair
+        options.ransac.max_error = _OFF * max(photos[i].width, photos[i].height)
+        found = pycolmap.estimate_calibrated_two_view_geometry(
+            cameras[i], points[i], cameras[j], points[j], matches[pair].astype(np.uint32), options
+        )
+        if found.cam2_from_cam1 is None or len(found.inlier_matches) < FEWEST_MATCHES:
+            return None
+        return Edge(pair, found.cam2_from_cam1.rotation.matrix(), np.asarray(found.inlier_matches, np.uint32))
+
+    found = in_threads(edge, [pair for pair, rows in matches.items() if len(rows) >= FEWEST_MATCHES])
+    return [each for each in found if each is not None]
+
+
+@dataclass(frozen=True)
+class _Hypothesis:
+    """A rotation between the frames of two groups."""
+
+    balance: float  # matches for it less the matches that it lacks
+    rotation: np.ndarray  # (3, 3), first group's frame to the second's
+
+
+def _joined(count: int, edges: Sequence[Edge]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the group (K,) and the rotation (K, 3, 3) of each of `count` photos."""
+    group, rotation = np.arange(count), np.tile(np.eye(3), (count, 1, 1))
+    strength = np.zeros((count, count))
+    for edge in edges:
+        strength[edge.pair] = strength[edge.pair[::-1]] = len(edge.matches)
+    best = np.sort(strength, axis=1)[:, -min(_PARTNERS, count)]
+    possible = np.minimum(best[:, None], best[None])
+    known: dict[Pair, list[_Hypothesis]] = {}
+    while True:
+        between: dict[Pair, list[Edge]] = {}
+        for edge in edges:
+            a, b = sorted((group[edge.pair[0]], group[edge.pair[1]]))
+            if a != b:
+                between.setdefault((a, b), []).append(edge)
+        for pair, joining in between.items():
+            if pair not in known:
+                known[pair] = _hypotheses(pair, joining, group, rotation, strength, possible)
+        ranked = sorted(between, key=lambda pair: -_margin(known[pair]))
+        if not ranked or known[ranked[0]][0].balance < _LEAST:
+            return group, rotation
+        kept, gone = ranked[0]
+        moved = group == gone
+        rotation[moved] = rotation[moved] @ known[ranked[0]][0].rotation
+        group[moved] = kept
+        known = {pair: found for pair, found in known.items() if not {kept, gone} & set(pair)}
+
+
+def _margin(found: Sequence[_Hypothesis]) -> float:
+    """Return by how much the best hypothesis is better than the next, or than none."""
+    return found[0].balance - max(0.0, found[1].balance if len(found) > 1 else 0.0)
+
+
+def _hypotheses(
+    pair: Pair,
+    edges: Sequence[Edge],
+    group: np.ndarray,
+    rotation: np.ndarray,
+    strength: np.ndarray,
+    possible: np.ndarray,
+) -> list[_Hypothesis]:
+    """Return what the edges between two groups say of their frames, best first; at least one."""
+    turns, weights = [], np.array([len(edge.matches) for edge in edges], float)
+    for edge in edges:
+        i, j = edge.pair
+        turn = rotation[j].T @ edge.rotation @ rotation[i]
+        turns.append(turn if group[i] == pair[0] else turn.T)
+    turn = np.array(turns)
+    alike = _angle_of(np.einsum("aij,bij->ab", turn, turn)) < _AGREE
+    first, second = (np.flatnonzero(group == each) for each in pair)
+    found: list[_Hypothesis] = []
+    done = np.zeros(len(edges), bool)
+    for index in np.argsort(-(alike @ weights), kind="stable"):
+        if done[index] or len(found) == _RIVALS:
+            continue
+        done |= alike[index]
+        mean = _mean_rotation(turn[alike[index]], weights[alike[index]])
+        apart = rotation[first][:, 2] @ (rotation[second][:, 2] @ mean).T  # of the optical axes
+        angle = np.degrees(np.arccos(np.clip(apart, -1, 1)))
+        rows = np.ix_(first, second)
+        expected = _EXPECTED * possible[rows] * np.exp(-((angle / _FADE) ** 2))
+        lacking = np.maximum(0, expected - strength[rows]).sum()
+        found.append(_Hypothesis(float(weights[alike[index]].sum() - lacking), mean))
+    return sorted(found, key=lambda each: -each.balance)
+
+
+def _mean_rotation(rotations: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Return the weighted chordal mean (3, 3) of rotations (N, 3, 3)."""
+    left, _, right = np.linalg.svd((rotations * weights[:, None, None]).sum(0))
+    return left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+
+
+def _angle(rotation: np.ndarray) -> float:
+    """Return the angle of a rotation (3, 3) in degrees."""
+    return float(_angle_of(np.trace(rotation)))
+
+
+def _angle_of(trace: np.ndarray) -> np.ndarray:
+    """Return the angles in degrees of rotations with these traces (...)."""
+    return np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
