@@ -29,7 +29,7 @@ from lightprobe.render.path_tracer import tamed
 
 from .cameras import hand_held
 from .models import corners, textured
-from .objects import make_object
+from .objects import OBJECTS, make_object
 from .places import Kind, Place, make_place, strangers
 from .telephone import Telephone, white_balance
 from .tracing import Tracer, ball_lamp, panorama, quad_lamp, shape_of, sky_lamp
@@ -86,7 +86,10 @@ class Shoot:
     def __init__(self, root: Path, settings: Settings, say: Callable[[str], None] = print):
         self.root, self.settings, self.say = root, settings, say
         self.record = self._opened()
-        rng = np.random.default_rng([settings.seed, 3])
+        self.seed = settings.seed * len(OBJECTS) + list(OBJECTS).index(
+            settings.object
+        )  # objects share no places
+        rng = np.random.default_rng([self.seed, 3])
         height = round(settings.width * 0.75)
         lens = int(rng.integers(24, 29)), round(rng.uniform(-0.06, 0.03), 4), rng.uniform(0.1, 0.35)
         self.telephone = Telephone(settings.width, height, *lens, grain=rng.uniform(0.008, 0.02))
@@ -131,11 +134,11 @@ class Shoot:
         settings, low = self.settings, float(self.points[:, 2].min())
         kind = Kind(settings.kinds[number % len(settings.kinds)])
         footprint = float(np.linalg.norm(self.points[self.points[:, 2] < low + 0.15][:, :2], axis=1).max())
-        place = make_place(kind, number, low, footprint, settings.seed)
+        place = make_place(kind, number, low, footprint, self.seed)
         things = self._things(place)
         if place.name not in self.record["places"]:
             light = panorama(
-                Tracer(things), _LIGHT_ROWS, 16 * max(1, settings.samples // 16), settings.seed + number
+                Tracer(things), _LIGHT_ROWS, 16 * max(1, settings.samples // 16), self.seed + number
             )
             with atomic_path(self.root / "light" / f"{place.name}.exr") as file:
                 write_exr(file, np.minimum(light, LARGEST).astype(np.float32), "RGB")
@@ -144,7 +147,7 @@ class Shoot:
                 "support": {"normal": [0, 0, 1], "height": low},
                 "mean_light": mean.tolist(),
             }
-        rng = np.random.default_rng([settings.seed, 4, number])
+        rng = np.random.default_rng([self.seed, 4, number])
         balance = white_balance(np.array(self.record["places"][place.name]["mean_light"]), rng)
         poses = hand_held(self.points, self.telephone.focal, self.telephone.height, len(photos), rng)
         things["object"] = self.shape
@@ -153,7 +156,7 @@ class Shoot:
             if photo not in waiting:
                 continue
             if settings.strangers:
-                crowd = strangers(place, np.random.default_rng([settings.seed, 5, int(photo.name[4:])]))
+                crowd = strangers(place, np.random.default_rng([self.seed, 5, int(photo.name[4:])]))
                 tracer = Tracer(things | {"strangers": shape_of(textured(crowd, settings.atlas // 2))})
             self._take(photo, place, pose, tracer, balance)
             self.say(f"{len(self.record['frames'])} of {total} photos: {photo.name} in {place.name}")
@@ -178,7 +181,7 @@ class Shoot:
     ) -> None:
         """Take a photo and note it; what is noted is complete on the disk."""
         telephone, number = self.telephone, int(photo.name[4:])
-        rng = np.random.default_rng([self.settings.seed, 6, number])
+        rng = np.random.default_rng([self.seed, 6, number])
         shape = telephone.height, telephone.width
         passes = max(1, self.settings.samples // _GROUPS)
         groups, cover = np.zeros((_GROUPS, *shape, 3)), np.zeros(shape)
@@ -235,8 +238,6 @@ class Shoot:
     def _write_mesh(self) -> None:
         """Write the faces that some ray leaves to the outside, the table away."""
         model, tracer = self.model, Tracer({"object": self.shape})
-        seen = visible_faces(
-            model.vertices, model.faces, tracer.sees_sky, np.random.default_rng(self.settings.seed)
-        )
+        seen = visible_faces(model.vertices, model.faces, tracer.sees_sky, np.random.default_rng(self.seed))
         with atomic_path(self.root / "mesh.obj") as file:
             write_obj(file, *weld(model.vertices, model.faces[seen]))

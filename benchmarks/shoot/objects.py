@@ -159,4 +159,4 @@ OBJECTS: dict[str, Callable[[np.random.Generator], list[Part]]] = {
 
 def make_object(name: str, seed: int) -> list[Part]:
     """Return the parts of an object of `OBJECTS`, radius 1 about the origin, its materials drawn from a seed."""
-    return normalised(OBJECTS[name](np.random.default_rng([seed, 1])))
+    return normalised(OBJECTS[name](np.random.default_rng([seed, 1, list(OBJECTS).index(name)])))

@@ -23,9 +23,15 @@ _SUN = 400.0  # peak over mean of a sky with an unclouded sun
 _TABLES: tuple[Callable[[np.random.Generator], Painter], ...] = (
     materials.planks,
     materials.newspaper,
-    materials.chequered,
     materials.slabs,
     lambda rng: materials.patterned(materials.Kind.CLOTH, rng, 0.9),
+)
+
+
+_WALLS: tuple[Callable[[np.random.Generator, np.ndarray], Painter], ...] = (
+    lambda rng, color: materials.slabs(rng, 1.4),
+    lambda rng, color: materials.plain(materials.Kind.STONE, rng, color),
+    lambda rng, color: materials.plain(materials.Kind.PAINT, rng, color),
 )
 
 
@@ -115,29 +121,22 @@ def _panel(
 
 def _walls(rng: np.random.Generator, half: np.ndarray, ceiling: float) -> list[Part]:
     """Floor, ceiling and four walls of paint, paper or bricks."""
-    color = mix(np.full(3, 0.6), materials.vivid(rng), 0.3)
-    paper = rng.choice(["plaster", "bricks", "stripes"])
-    if paper == "bricks":
-        paint = materials.slabs(rng, 1.4)
-    else:
-        lines, seed = rng.uniform(0.4, 0.9), int(rng.integers(2**31))
-
-        def paint(points: np.ndarray) -> materials.Material:
-            wave = 0.25 * (np.mod(points[..., 0] / lines, 1) < 0.4) if paper == "stripes" else 0.0
-            tone = 0.75 + 0.35 * materials.noise(points, 0.5, seed, 5) - wave
-            return materials.Material(color * tone[..., None], 0.9 + 0 * tone, 0 * tone)
-
+    paint = _WALLS[rng.integers(len(_WALLS))](rng, mix(np.full(3, 0.6), materials.vivid(rng), 0.3))
     parts = []
     for k in range(4):
         azimuth, reach, width = np.pi / 2 * k, half[k % 2], half[1 - k % 2]
-        at = (reach * np.cos(azimuth), reach * np.sin(azimuth), (_FLOOR + ceiling) / 2)
+        at = reach * np.cos(azimuth), reach * np.sin(azimuth), (_FLOOR + ceiling) / 2
         parts.append(
             Part(
                 sheet((width, 0, 0), (0, 0, (ceiling - _FLOOR) / 2)), paint, pose_of(at, azimuth - np.pi / 2)
             )
         )
     parts.append(
-        Part(sheet((half[0], 0, 0), (0, -half[1], 0)), materials.whitewash, pose_of((0, 0, ceiling)))
+        Part(
+            sheet((half[0], 0, 0), (0, -half[1], 0)),
+            materials.plain(materials.Kind.PAINT, rng, np.full(3, 0.7)),
+            pose_of((0, 0, ceiling)),
+        )
     )
     floor = materials.planks(rng, 0.8) if rng.random() < 0.5 else materials.slabs(rng, 2.0)
     return [*parts, Part(sheet((half[0], 0, 0), (0, half[1], 0), 4), floor, pose_of((0, 0, _FLOOR)))]
@@ -242,7 +241,7 @@ def _yard(rng: np.random.Generator) -> list[Part]:
                 Part(rounded_box(half, 0.05), paint, pose_of((far * x, far * y, _FLOOR + half[2]), azimuth))
             )
         elif kind == "fence":
-            paint = materials.upright(materials.planks(rng, 0.6, 0.8))
+            paint = materials.plain(materials.Kind.WOOD, rng)
             parts.append(
                 Part(rounded_box((3, 0.1, 1.6), 0.05), paint, pose_of((x, y, _FLOOR + 1.6), azimuth + 1.57))
             )

@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from scipy.stats import spearmanr
 
 from benchmarks.__main__ import main
 from benchmarks.shoot import cameras, materials, models, objects, shapes
 from benchmarks.shoot.telephone import Telephone
-from demo_scene.files import read_exr, read_obj
+from demo_scene.files import read_exr, read_obj, read_png, srgb_decode
 from demo_scene.lights import directions, reduce_area
 from demo_scene.textures import Material
 from lightprobe.core.errors import ConfigError
@@ -190,6 +191,29 @@ def test_masks_show_the_mesh_where_the_cameras_say_and_the_object_stands(tiny):
         rows, columns = np.nonzero(mask)
         bounds = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
         np.testing.assert_allclose(bounds, [*pixel.min(axis=0), *pixel.max(axis=0)], atol=1.5)
+
+
+@pytest.mark.slow
+def test_the_sky_of_photos_is_the_light_of_their_place_times_their_gain(tiny):
+    record, ranks = json.loads((tiny / "shoot.json").read_text()), []
+    for frame in record["frames"]:
+        light = read_exr(tiny / "light" / f"{frame['place']}.exr", "RGB") * frame["gain"]
+        photo = read_png(tiny / frame["split"] / f"{frame['name']}.jpg").reshape(-1, 3)
+        mask = np.asarray(Image.open(tiny / "masks" / f"{frame['name']}.png")).ravel()
+        lens = Telephone(200, 150, round(record["fl_x"] / 250 * 43.27), record["k1"], 0, 0)
+        towards = lens.rays(np.array(frame["transform_matrix"]), np.full((len(photo), 2), 0.5))
+        row = (np.arccos(towards[:, 2]) / np.pi * 128).astype(int)
+        column = ((0.5 - np.arctan2(towards[:, 1], towards[:, 0]) / (2 * np.pi)) * 256).astype(int) % 256
+        sky = ~mask & (towards[:, 2] > 0.08)
+        if frame["place"].startswith("room") or sky.sum() < 1000:  # walls are near, and lie elsewhere
+            continue
+        expected, shown = light[row, column][sky], photo[sky]
+        ranks.append(spearmanr(expected[:, 1], shown[:, 1])[0])
+        assert np.median(np.clip(expected, 0, 1) / np.maximum(srgb_decode(shown), 0.01)) == pytest.approx(
+            1, abs=0.25
+        )
+    assert len(ranks) >= 3
+    assert np.mean(ranks) > 0.6
 
 
 @pytest.mark.slow
