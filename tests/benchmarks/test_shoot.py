@@ -179,6 +179,7 @@ def test_a_shoot_has_the_files_of_its_photos(tiny):
 def test_masks_show_the_mesh_where_the_cameras_say_and_the_object_stands(tiny):
     record = json.loads((tiny / "shoot.json").read_text())
     vertices, _ = read_obj(tiny / "mesh.obj")
+    outside = []  # pixels by which a mask reaches beyond the mesh, on its four sides
     for place in record["places"].values():
         assert place["support"]["height"] == pytest.approx(vertices[:, 2].min(), abs=2e-4)
     for frame in record["frames"]:
@@ -189,8 +190,10 @@ def test_masks_show_the_mesh_where_the_cameras_say_and_the_object_stands(tiny):
         pixel = record["fl_x"] * seen + [record["cx"], record["cy"]]
         mask = np.asarray(Image.open(tiny / "masks" / f"{frame['name']}.png"))
         rows, columns = np.nonzero(mask)
-        bounds = [columns.min(), rows.min(), columns.max() + 1, rows.max() + 1]
-        np.testing.assert_allclose(bounds, [*pixel.min(axis=0), *pixel.max(axis=0)], atol=1.5)
+        low, high = (columns.min(), rows.min()), (columns.max() + 1, rows.max() + 1)
+        outside.append([*(pixel.min(axis=0) - low), *(high - pixel.max(axis=0))])
+    assert np.abs(outside).max() < 1.5
+    assert abs(np.mean(outside)) < 0.25  # a pixel is the object's from a half on
 
 
 @pytest.mark.slow
