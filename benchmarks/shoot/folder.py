@@ -137,9 +137,8 @@ class Shoot:
         place = make_place(kind, number, low, footprint, self.seed)
         things = self._things(place)
         if place.name not in self.record["places"]:
-            light = panorama(
-                Tracer(things), _LIGHT_ROWS, 16 * max(1, settings.samples // 16), self.seed + number
-            )
+            rng = np.random.default_rng([self.seed, 7, number])
+            light = panorama(Tracer(things), _LIGHT_ROWS, settings.samples, rng)
             with atomic_path(self.root / "light" / f"{place.name}.exr") as file:
                 write_exr(file, np.minimum(light, LARGEST).astype(np.float32), "RGB")
             mean = (light * solid_angles(_LIGHT_ROWS)[..., None]).sum(axis=(0, 1)) / (4 * np.pi)
@@ -187,9 +186,7 @@ class Shoot:
         groups, cover = np.zeros((_GROUPS, *shape, 3)), np.zeros(shape)
         for k in range(_GROUPS * passes):
             towards = telephone.rays(pose, rng.random((shape[0] * shape[1], 2)))
-            groups[k % _GROUPS] += (
-                tracer.radiance(pose[:3, 3], towards, number * 1024 + k).reshape(*shape, 3) / passes
-            )
+            groups[k % _GROUPS] += tracer.radiance(pose[:3, 3], towards, rng).reshape(*shape, 3) / passes
             cover += tracer.shows_object(pose[:3, 3], towards).reshape(shape) / (_GROUPS * passes)
         picture = tamed(groups)
         exposure = telephone.exposure(picture * balance, rng)

@@ -68,11 +68,11 @@ class Tracer:
         self._scene = mi.load_dict({"type": "scene", **things})
         self._integrator = mi.load_dict({"type": "path", "max_depth": _DEPTH, "rr_depth": 64})
 
-    def radiance(self, origin: np.ndarray, towards: np.ndarray, seed: int) -> np.ndarray:
+    def radiance(self, origin: np.ndarray, towards: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return the radiance (N, 3) that arrives at a point (3,) from unit directions (N, 3)."""
         sampler, found = mi.load_dict({"type": "independent"}), []
-        for k, part in enumerate(np.array_split(towards, -(-len(towards) // _RAYS))):
-            sampler.seed(seed * 4096 + k, len(part))
+        for part in np.array_split(towards, -(-len(towards) // _RAYS)):
+            sampler.seed(int(rng.integers(2**32)), len(part))
             ray = mi.RayDifferential3f(self._rays(origin, part))
             found.append(np.array(self._integrator.sample(self._scene, sampler, ray)[0]).T)
         return np.concatenate(found)
@@ -94,16 +94,14 @@ class Tracer:
         )
 
 
-def panorama(tracer: Tracer, height: int, samples: int, seed: int) -> np.ndarray:
+def panorama(tracer: Tracer, height: int, samples: int, rng: np.random.Generator) -> np.ndarray:
     """Return the light (H, 2H, 3) at the origin, in the convention of `demo_scene.lights`; mean over each texel."""
-    rng, total = np.random.default_rng(seed), np.zeros((height, 2 * height, 3))
+    total = np.zeros((height, 2 * height, 3))
     fine = 4  # directions of a texel's edge, so that a small lamp is neither missed nor hit by luck
     dense = directions(height * fine)
-    for k in range(max(1, samples // fine**2)):
+    for _ in range(max(1, samples // fine**2)):
         jitter = rng.normal(0, 0.3 * np.pi / (height * fine), dense.shape)
         rays = (dense + jitter).reshape(-1, 3)
-        found = tracer.radiance(
-            np.zeros(3), rays / np.linalg.norm(rays, axis=1, keepdims=True), seed * 64 + k
-        )
+        found = tracer.radiance(np.zeros(3), rays / np.linalg.norm(rays, axis=1, keepdims=True), rng)
         total += found.reshape(height, fine, 2 * height, fine, 3).mean(axis=(1, 3))
     return total / max(1, samples // fine**2)

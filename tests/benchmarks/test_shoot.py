@@ -135,9 +135,9 @@ def test_light_lies_where_photos_see_it(path_tracer):
         picture = np.zeros((4, 4, 3))
         picture[:2] = [50.0, 0.0, 0.0]  # its upper half glows red, its lower half is dark
         tracer = Tracer({"sky": sky_lamp(sky), "window": quad_lamp(pose, picture)})
-        light = reduce_area(panorama(tracer, 128, 16, seed=0), 2)
+        light = reduce_area(panorama(tracer, 128, 16, np.random.default_rng(0)), 2)
         towards = Telephone(32, 24, 26, 0.0, 0.0, 0.0).rays(pose, np.full((768, 2), 0.5))
-        seen = tracer.radiance(np.zeros(3), towards, seed=0)
+        seen = tracer.radiance(np.zeros(3), towards, np.random.default_rng(0))
     away = directions(64) @ facing < 0.85  # the window is not there
     np.testing.assert_allclose(light[away], sky[away], atol=0.03)
     elsewhere = towards @ facing < 0.85
