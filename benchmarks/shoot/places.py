@@ -77,7 +77,7 @@ def make_place(kind: Kind, number: int, height: float, footprint: float, seed: i
     if round_:
         top = turned((0, -0.2), (half, -0.2), (half, 0), segments=64) + disc(half)
     else:
-        top = rounded_box((half, half * rng.uniform(0.75, 1.0), 0.1), 0.04)
+        top = rounded_box((half, half - rng.uniform(0, 0.5), 0.1), 0.04)
     table = [Part(top, paint, pose_of((0, 0, 0.0 if round_ else -0.1)))]
     leg = materials.plain(materials.Kind.WOOD, rng)
     around = [Part(bar((0, 0, _FLOOR), (0, 0, -0.15), 0.3), leg, np.eye(4))]

@@ -52,7 +52,7 @@ class Telephone:
         seen = np.stack([x.ravel(), y.ravel()], axis=1) + offset - [self.width / 2, self.height / 2]
         seen = seen / self.focal
         straight = seen
-        for _ in range(20):  # the inverse of the lens has no simple formula
+        for _ in range(8):  # the inverse of the lens has no simple formula
             straight = seen / (1 + self.k1 * (straight**2).sum(axis=1, keepdims=True))
         local = np.column_stack([straight[:, 0], -straight[:, 1], -np.ones(len(seen))])
         return local @ pose[:3, :3].T / np.linalg.norm(local, axis=1, keepdims=True)

