@@ -7,8 +7,8 @@ NAME    radio    boxy, matte                 terrace  the radio in the open, und
         trolley  thin bars and wheels        random   another object for every seed
 
 The folder is a scene with true cameras and masks; train/ by itself is what a user would bring. Given again, the command
-goes on with the photos that are missing; equal options make equal shoots. Needs the development extra `mitsuba` and an
-LLVM library newer than 15. `benchmarks/shoot/folder.py` says what the files hold.
+goes on with the photos that are missing; equal options make equal shoots. Needs the extra `path` and an LLVM
+library newer than 15. `benchmarks/shoot/folder.py` says what the files hold.
 """
 
 import argparse

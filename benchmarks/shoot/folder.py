@@ -122,9 +122,8 @@ class Shoot:
         for number in dict.fromkeys(photo.place for photo in photos):
             waiting = [photo for photo in photos if photo.place == number and photo.name not in done]
             if waiting:
-                self._visit(
-                    number, [photo for photo in photos if photo.place == number], waiting, len(photos)
-                )
+                here = [photo for photo in photos if photo.place == number]
+                self._visit(number, here, waiting, len(photos))
         self._write_transforms()
         if not (self.root / "mesh.obj").exists():
             self._write_mesh()
@@ -167,12 +166,11 @@ class Shoot:
             "surroundings": shape_of(textured(place.surroundings, self.settings.atlas)),
         }
         for k, lamp in enumerate(place.lamps):
-            ball = lamp.radius > 0
-            things[f"lamp_{k}"] = (
-                ball_lamp(lamp.pose[:3, 3], lamp.radius, lamp.radiance)
-                if ball
-                else quad_lamp(lamp.pose, lamp.radiance)
+            center, ball = lamp.pose[:3, 3], lamp.radius > 0
+            shining = (
+                ball_lamp(center, lamp.radius, lamp.radiance) if ball else quad_lamp(lamp.pose, lamp.radiance)
             )
+            things[f"lamp_{k}"] = shining
         return things if place.sky is None else things | {"sky": sky_lamp(place.sky)}
 
     def _take(
@@ -191,18 +189,13 @@ class Shoot:
         picture = tamed(groups)
         exposure = telephone.exposure(picture * balance, rng)
         shown = telephone.develop(picture * balance * exposure, exposure, rng)
-        write_bytes(
-            self.root / photo.split / f"{photo.name}.jpg", telephone.jpeg(shown, exposure, photo.taken)
-        )
+        jpeg = telephone.jpeg(shown, exposure, photo.taken)
+        write_bytes(self.root / photo.split / f"{photo.name}.jpg", jpeg)
         with atomic_path(self.root / "masks" / f"{photo.name}.png") as file:
             Image.fromarray(cover > 0.5).save(file, "PNG")
-        frame = {
-            "name": photo.name,
-            "split": photo.split,
-            "place": place.name,
-            "transform_matrix": pose.tolist(),
-        }
-        self.record["frames"].append(frame | {"gain": (balance * exposure).tolist(), "exposure": exposure})
+        gain = {"gain": (balance * exposure).tolist(), "exposure": exposure}
+        frame = {"name": photo.name, "split": photo.split, "place": place.name}
+        self.record["frames"].append(frame | {"transform_matrix": pose.tolist()} | gain)
         self._note()
 
     def _note(self) -> None:
@@ -210,13 +203,16 @@ class Shoot:
 
     def _lens(self) -> dict[str, Any]:
         telephone = self.telephone
-        middle = {
-            "cx": telephone.width / 2,
-            "cy": telephone.height / 2,
-            "w": telephone.width,
-            "h": telephone.height,
+        w, h = telephone.width, telephone.height
+        return {
+            "fl_x": telephone.focal,
+            "fl_y": telephone.focal,
+            "cx": w / 2,
+            "cy": h / 2,
+            "w": w,
+            "h": h,
+            "k1": telephone.k1,
         }
-        return {"fl_x": telephone.focal, "fl_y": telephone.focal, **middle, "k1": telephone.k1}
 
     def _write_transforms(self) -> None:
         for split in ("train", "test"):

@@ -58,7 +58,6 @@ class Place:
     """What stands around the object, and what lights it."""
 
     name: str
-    kind: Kind
     support: list[Part]
     surroundings: list[Part]
     lamps: list[Lamp]
@@ -94,7 +93,7 @@ def make_place(kind: Kind, number: int, height: float, footprint: float, seed: i
         sky = _sky(kind, seed, number)
     lamps = [Lamp(pose @ lamp.pose, lamp.radiance, lamp.radius) for lamp in lamps]
     table, around = ([part.moved(pose) for part in parts] for parts in (table, around))
-    return Place(f"{kind.value}_{number:02d}", kind, table, around, lamps, sky, pose)
+    return Place(f"{kind.value}_{number:02d}", table, around, lamps, sky, pose)
 
 
 def _sky(kind: Kind, seed: int, number: int) -> np.ndarray:
@@ -122,22 +121,13 @@ def _panel(
 def _walls(rng: np.random.Generator, half: np.ndarray, ceiling: float) -> list[Part]:
     """Floor, ceiling and four walls of paint, paper or bricks."""
     paint = _WALLS[rng.integers(len(_WALLS))](rng, mix(np.full(3, 0.6), materials.vivid(rng), 0.3))
-    parts = []
+    parts, tall = [], (ceiling - _FLOOR) / 2
     for k in range(4):
         azimuth, reach, width = np.pi / 2 * k, half[k % 2], half[1 - k % 2]
         at = reach * np.cos(azimuth), reach * np.sin(azimuth), (_FLOOR + ceiling) / 2
-        parts.append(
-            Part(
-                sheet((width, 0, 0), (0, 0, (ceiling - _FLOOR) / 2)), paint, pose_of(at, azimuth - np.pi / 2)
-            )
-        )
-    parts.append(
-        Part(
-            sheet((half[0], 0, 0), (0, -half[1], 0)),
-            materials.plain(materials.Kind.PAINT, rng, np.full(3, 0.7)),
-            pose_of((0, 0, ceiling)),
-        )
-    )
+        parts.append(Part(sheet((width, 0, 0), (0, 0, tall)), paint, pose_of(at, azimuth - np.pi / 2)))
+    white = materials.plain(materials.Kind.PAINT, rng, np.full(3, 0.7))
+    parts.append(Part(sheet((half[0], 0, 0), (0, -half[1], 0)), white, pose_of((0, 0, ceiling))))
     floor = materials.planks(rng, 0.8) if rng.random() < 0.5 else materials.slabs(rng, 2.0)
     return [*parts, Part(sheet((half[0], 0, 0), (0, half[1], 0), 4), floor, pose_of((0, 0, _FLOOR)))]
 
