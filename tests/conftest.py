@@ -32,6 +32,7 @@ _LONGEST = tuple(
         "preparation/test_preparing",
         "reconstruction/test_metal_trials",
         "kernels/test_triton_compiles",
+        "benchmarks/test_shoot",
         "tools/test_make_demo_scene",
         "fuzz/test_fuzz",
         "fleet/test_ray_cluster",

@@ -9,7 +9,7 @@ import mitsuba as mi
 import numpy as np
 
 from .files import round_half, srgb_encode, write_exr, write_obj, write_png
-from .geometry import Part, weld
+from .geometry import Part, visible_faces, weld
 from .lights import (
     HEIGHT,
     LARGEST,
@@ -69,23 +69,14 @@ def draw_kinds(count: int, shares: dict[str, float], rng: np.random.Generator) -
     return [Kind(list(shares)[slot]) for slot in rng.permutation(slots)]
 
 
-def visible_faces(
-    studio: Studio, parts: list[Part], rng: np.random.Generator, rays: int = 96
+def visible_mesh(
+    studio: Studio, parts: list[Part], rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the welded mesh (vertices, faces) of the triangles from which some ray reaches the outside."""
     offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
     faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
     vertices = np.concatenate([part.vertices for part in parts])
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normal = np.cross(b - a, c - a)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    seen = np.zeros(len(faces), bool)
-    for _ in range(rays):
-        s, t = np.sqrt(rng.random((len(faces), 1))), rng.random((len(faces), 1))
-        direction = rng.normal(size=(len(faces), 3))
-        direction = normal + direction / np.linalg.norm(direction, axis=1, keepdims=True)
-        seen |= studio.sees_sky((1 - s) * a + s * (1 - t) * b + s * t * c + 2e-4 * normal, direction)
-    return weld(vertices, faces[seen])
+    return weld(vertices, faces[visible_faces(vertices, faces, studio.sees_sky, rng)])
 
 
 class Writer:
@@ -213,7 +204,7 @@ def write_scene(root: Path, settings: Settings) -> None:
     write_split(writer, "train", settings.train, first_light=0)
     write_split(writer, "test", settings.test, first_light=1000)
     write_relight(writer, first_light=2000)
-    vertices, faces = visible_faces(writer.studio, writer.model.parts, np.random.default_rng(settings.seed))
+    vertices, faces = visible_mesh(writer.studio, writer.model.parts, np.random.default_rng(settings.seed))
     write_obj(root / "mesh.obj", vertices, faces)
     record = (
         {"object": "coffee-pot"}

@@ -4,7 +4,7 @@ Notation: u in [0, 1] runs around (periodic, with a doubled seam), v in [0, 1] a
 arc length. Lengths are in the modeller's units (the pot is about 2.1 tall) until `normalise`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +36,7 @@ def arc_length(points: np.ndarray) -> np.ndarray:
     return length / length[-1]
 
 
-def _grid_faces(rows: int, columns: int) -> np.ndarray:
+def grid_faces(rows: int, columns: int) -> np.ndarray:
     """Triangles of a grid of rows x (columns + 1) vertices, outwards when u x v points outwards."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns), indexing="ij")
     a = (i * (columns + 1) + j).ravel()
@@ -44,7 +44,8 @@ def _grid_faces(rows: int, columns: int) -> np.ndarray:
     return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
 
-def _face_normal(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def face_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the normals (F, 3) of triangles, as long as twice their areas."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
@@ -52,8 +53,8 @@ def _face_normal(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def _grid_normals(grid: np.ndarray) -> np.ndarray:
     """Area-weighted vertex normals of a grid (rows, columns + 1, 3) whose last column repeats the first."""
     rows, columns = grid.shape[0], grid.shape[1] - 1
-    faces = _grid_faces(rows, columns)
-    area = _face_normal(grid.reshape(-1, 3), faces)
+    faces = grid_faces(rows, columns)
+    area = face_normals(grid.reshape(-1, 3), faces)
     total = np.zeros((rows * (columns + 1), 3))
     for corner in range(3):
         np.add.at(total, faces[:, corner], area)
@@ -74,10 +75,10 @@ def grid_part(name: str, runs: list[np.ndarray], values: list[np.ndarray], path:
         vertices.append(grid.reshape(-1, 3))
         normals.append(_grid_normals(grid).reshape(-1, 3))
         uvs.append(np.stack(np.broadcast_arrays(u[None], v[:, None]), axis=-1).reshape(-1, 2))
-        faces.append(_grid_faces(rows, width - 1) + offset)
+        faces.append(grid_faces(rows, width - 1) + offset)
         offset += rows * width
     joined = np.concatenate(vertices), np.concatenate(faces)
-    kept = joined[1][np.linalg.norm(_face_normal(*joined), axis=1) > 1e-9]  # at a pole every second is a line
+    kept = joined[1][np.linalg.norm(face_normals(*joined), axis=1) > 1e-9]  # at a pole every second is a line
     return Part(name, joined[0], np.concatenate(normals), np.concatenate(uvs), kept, path)
 
 
@@ -195,3 +196,23 @@ def weld(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
     faces = index.reshape(-1)[faces.reshape(-1, 3)]
     a, b, c = faces.T
     return rounded, faces[(a != b) & (b != c) & (c != a)]
+
+
+def visible_faces(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    sees_sky: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    rng: np.random.Generator,
+    rays: int = 96,
+) -> np.ndarray:
+    """Return which faces (F,) some ray leaves to the outside; sees_sky: of origins and directions (F, 3) each."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    seen = np.zeros(len(faces), bool)
+    for _ in range(rays):
+        s, t = np.sqrt(rng.random((len(faces), 1))), rng.random((len(faces), 1))
+        direction = rng.normal(size=(len(faces), 3))
+        direction = normal + direction / np.linalg.norm(direction, axis=1, keepdims=True)
+        seen |= sees_sky((1 - s) * a + s * (1 - t) * b + s * t * c + 2e-4 * normal, direction)
+    return seen

@@ -15,7 +15,7 @@ import numpy as np
 from lightprobe.render.gltf_bsdf import VARIANT
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, MAX_DEPTH, bitmap, environment_rows, tamed
 
-from .textures import Model, atlas_uv
+from .textures import Material, Model, atlas_uv
 
 mi.set_variant(VARIANT)
 
@@ -48,30 +48,37 @@ class Maps:
     normal: np.ndarray  # (S, S, 3) world, unit, towards the camera
 
 
-def _shape(model: Model) -> mi.Mesh:
-    """All parts as one mesh with atlas coordinates; Mitsuba counts v down the rows of a bitmap in memory."""
-    parts = model.parts
-    uv = np.concatenate([atlas_uv(part) for part in parts])
-    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
-    mesh = mi.Mesh("object", int(offsets[-1]), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)
+def textured_mesh(
+    vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray, faces: np.ndarray, material: Material
+) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
+    """Return a mesh with its material, and the textures of base colour and of roughness with metallic.
+
+    Mitsuba counts v down the rows of a bitmap in memory.
+    """
+    mesh = mi.Mesh("object", len(vertices), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)
     values = mi.traverse(mesh)
-    values["vertex_positions"] = np.float32(np.concatenate([part.vertices for part in parts])).ravel()
-    values["vertex_normals"] = np.float32(np.concatenate([part.normals for part in parts])).ravel()
+    values["vertex_positions"] = np.float32(vertices).ravel()
+    values["vertex_normals"] = np.float32(normals).ravel()
     values["vertex_texcoords"] = np.float32(uv).ravel()
     values["faces"] = np.uint32(faces).ravel()
     values.update()
-    return mesh
+    orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
+    base, rough = mi.load_dict(bitmap(mi, material.base)), mi.load_dict(bitmap(mi, orm))
+    mesh.set_bsdf(mi.load_dict({"type": "gltf_metallic_roughness", "base_color": base, "orm": rough}))
+    return mesh, base, rough
 
 
 def painted_mesh(model: Model) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
-    """Return the object with its material, and the textures of base colour and roughness with metallic."""
-    material = model.material
-    orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
-    base, rough = mi.load_dict(bitmap(mi, material.base)), mi.load_dict(bitmap(mi, orm))
-    mesh = _shape(model)
-    mesh.set_bsdf(mi.load_dict({"type": "gltf_metallic_roughness", "base_color": base, "orm": rough}))
-    return mesh, base, rough
+    """Return the object, all parts as one mesh, with its material and the textures of this."""
+    parts = model.parts
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
+    vertices, normals = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("vertices", "normals")
+    )
+    return textured_mesh(
+        vertices, normals, np.concatenate([atlas_uv(part) for part in parts]), faces, model.material
+    )
 
 
 class Studio:
