@@ -27,7 +27,8 @@ def test_an_object_that_was_only_judged_by_photos_it_was_fitted_to_is_doubtful_a
     verdict = ObjectVerdict(0.03, 4, held_out=False)
     assert verdict.trust is Trust.DOUBTFUL
     assert (
-        "4 photos that it was fitted to, as none was held out, expect some 27 dB at best" in verdict.sentence
+        "(4 photos that it was fitted to, as none was held out); expect about 27 dB at best"
+        in verdict.sentence
     )
     assert "at least eight photos" in verdict.sentence
     assert ObjectVerdict(0.09, 4, held_out=False).trust is Trust.POOR

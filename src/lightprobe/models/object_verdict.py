@@ -78,8 +78,8 @@ class ObjectVerdict:
         """What to think of the object, and what to do about a poor one."""
         photos, at_best = ("held-out photos", "") if self.held_out else (_FITTED, " at best")
         found = (
-            f"its darker and its brighter parts disagree by {100 * self.disagreement:.1f} % about the light of "
-            f"{self.photos} {photos}, expect some {self.expected_psnr:.0f} dB{at_best} when it is relit"
+            f"the light read from its dark and from its bright parts differs by {100 * self.disagreement:.1f} % "
+            f"({self.photos} {photos}); expect about {self.expected_psnr:.0f} dB{at_best} when it is relit"
         )
         advice = {
             Trust.GOOD: "",

@@ -19,6 +19,7 @@ from lightprobe.preparation.geometry import epipolar_distance, same_side
 from lightprobe.preparation.mapping import Matches, Solution, solution_of
 
 RIGHT = 0.12  # share of the points shown where they should be: wrong cameras have .03, right ones .2 to .8
+_WEAK = 0.6  # of the usual share, below which a camera is looked for anew: it may be some degrees off
 _ROUNDS = (
     (8.0, 5.0),
     (4.0, 4.0),
@@ -62,7 +63,8 @@ def placed(
     for near, far in _ROUNDS[:2]:
         solution, _ = _adjusted(photos, matches, solution, pictures, near, far)
     share = followed(solution, pictures, _ROUNDS[1][1]).share
-    solution = _without(solution, [photo for photo, value in share.items() if value < RIGHT])
+    least = max(RIGHT, _WEAK * float(np.median(list(share.values()))))
+    solution = _without(solution, [photo for photo, value in share.items() if value < least])
     while len(solution.photo) < len(photos):
         more = _with_lost(photos, matches, solution, pictures)
         if len(more.photo) == len(solution.photo):

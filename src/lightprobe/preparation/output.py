@@ -9,9 +9,10 @@ import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file, read_json, remove, write_bytes, write_json
+from lightprobe.core.stored import read_object
 from lightprobe.imaging import gravity, resize_area
 from lightprobe.preparation import upright, writing
-from lightprobe.preparation.cache import HIDDEN
+from lightprobe.preparation.cache import HIDDEN, key_of
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
@@ -27,6 +28,10 @@ _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
 _DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
 _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
+_UNSURE = (
+    0.5  # of the share of points that photos usually show where they should, below which a camera is doubtful
+)
+_IMAGES = "images.json"  # in the hidden folder: what the images were made of
 
 
 def write_scene(
@@ -53,7 +58,7 @@ def write_scene(
     remove(output / "transforms.json")  # what is not finished is no scene
     bends = solution.distortion()
     shots = {photos[i].name: (photos[i], full[i], bends[i]) for i in full}
-    files = writing.write_images(shots, output / "images")
+    files = _write_images(output, shots)
     _write_masks(output, photos, cutting, full, bends)
     on_progress("scene", 1, 2)
     lost = _lost(photos, seen, matches, cutting)
@@ -114,6 +119,28 @@ def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: Prepare
     if options.up is None:
         return Up(pose[:3, 1] / np.linalg.norm(pose[:3, 1]), f"the vertical axis of {name}")
     return Up(pose[:3, :3] @ upright.parse_up(options.up), f"--up {options.up} in the axes of {name}")
+
+
+def _write_images(output: Path, shots: Mapping[str, tuple[SourcePhoto, Camera, float]]) -> dict[str, str]:
+    """Write the photos as pinholes show them, unless they lie there; return file names by the photos' names."""
+    record, folder = output / HIDDEN / _IMAGES, output / "images"
+    lenses = {name: (photo.checksum, _lens(camera), k) for name, (photo, camera, k) in shots.items()}
+    key = key_of(lenses)
+    if record.is_file():
+        kept = read_object(record, "remove it and prepare the scene anew")
+        names = kept.get("files")
+        there = {str(name): str(file) for name, file in names.items()} if isinstance(names, dict) else {}
+        same = kept.get("key") == key and sorted(there) == sorted(shots)
+        if same and all(named_file(folder, file).is_file() for file in there.values()):
+            return there
+    remove(record)
+    files = writing.write_images(shots, folder)
+    write_json(record, {"key": key, "files": files})
+    return files
+
+
+def _lens(camera: Camera) -> tuple[float, ...]:
+    return camera.fx, camera.fy, camera.cx, camera.cy
 
 
 def _write_masks(
@@ -199,6 +226,8 @@ def _report(
         "apart": [[photos[i].name for i in group] for group in kept.apart],
         "kept": kept.to_json(),
         "why": cutting.choice.why,
+        "points_where_they_should_be": {photos[i].name: round(v, 3) for i, v in kept.share.items()},
+        "doubtful_cameras": [photos[i].name for i in doubtful_cameras(cutting)],
         "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
@@ -218,6 +247,12 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
     if len(cutting.views) < _FEW_REGISTERED * len(photos):
         found.append(
             f"Only {len(cutting.views)} of {len(photos)} photos have cameras; prepare.json says why others have none."
+        )
+    unsure = [photos[i].name for i in doubtful_cameras(cutting)]
+    if unsure:
+        found.append(
+            f"{len(unsure)} cameras may be wrong: those of {', '.join(unsure[:4])}; their photos show few of the object's "
+            "points where they should be."
         )
     for group in cutting.choice.kept.apart:
         lost = [photos[i].name for i in group if i not in cutting.views]
@@ -244,6 +279,13 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
             f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/."
         )
     return found
+
+
+def doubtful_cameras(cutting: Cutting) -> list[int]:
+    """Return the photos that show far fewer of the points where they should be than others do, worst first."""
+    share = cutting.choice.kept.share
+    usual = float(np.median(list(share.values()))) if share else 0.0
+    return sorted((i for i, value in share.items() if value < _UNSURE * usual), key=lambda i: share[i])
 
 
 def hint_overlaps(cutting: Cutting) -> dict[int, float]:

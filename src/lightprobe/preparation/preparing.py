@@ -10,6 +10,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import checksum, disk_errors, holds_files, locked_file
+from lightprobe.preparation import learned
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
@@ -68,37 +69,44 @@ def prepare(
         (output / HIDDEN).mkdir(parents=True, exist_ok=True)
     busy = f"{output} is being prepared by another process; wait for it to end."
     with locked_file(output / HIDDEN / _LOCK, busy):
-        # of all that cameras depend on, but for masks corrected in the scene
-        told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
-        masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
-        key = key_of([photo.checksum for photo in photos], masks, told, options.seed)
-        report = finished(output, key_of(key, asdict(options)))
+        report = finished(output, _key(photos, hints, asdict(options)))
         if report is None:
-            report = _work(photos, hints, options, key, output, on_progress)
+            report = _work(photos, hints, options, output, on_progress)
     return Prepared(output, report)
+
+
+def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], *more: object) -> str:
+    """Return the checksum of photos, their masks, hints (H, W) and whatever else decides about a step."""
+    told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
+    masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
+    return key_of([photo.checksum for photo in photos], masks, told, learned.is_installed(), *more)
 
 
 def _work(
     photos: Sequence[SourcePhoto],
     hints: Mapping[int, np.ndarray],
     options: PrepareOptions,
-    key: str,
     output: Path,
     on_progress: OnProgress,
 ) -> dict[str, Any]:
-    """Do what is left to do, and return what prepare.json holds."""
+    """Do what is left to do, and return what prepare.json holds.
+
+    Hints have a vote on cameras only where there are several reconstructions to choose from: otherwise they are
+    about masks, and cameras stay as they were found.
+    """
     cache = Cache(output / HIDDEN)
     seen = look_at_all(photos, cache, lambda done, total: on_progress("features", done, total))
     matches = match_all(photos, seen, cache, lambda done, total: on_progress("matches", done, total))
     features, focal = [each.features for each in seen], [photo.focal_ratio for photo in photos]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
     known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
-    inside = inside_masks(features, known) if known else None
-    if inside is not None and len(known) < len(features):
-        inside = spread(inside, matches)
     own = own_masks(photos, output)
 
-    def first() -> Choice:
+    def cameras(shown: Mapping[int, np.ndarray]) -> Choice:
+        inside = inside_masks(features, shown) if shown else None
+        if inside is not None and len(shown) < len(features):
+            inside = spread(inside, matches)
+
         def on_model(name: str) -> None:
             on_progress(f"cameras: {name}", 0, 1)
 
@@ -106,9 +114,12 @@ def _work(
         on_progress("cameras: placing", 0, 1)
         return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
-    choice = kept_choice(cache, "cameras", key, first)
+    choice = kept_choice(cache, "cameras", _key(photos, {}, options.seed), lambda: cameras(given))
+    if hints and len(choice.tried) > 1:
+        hinted = _key(photos, hints, options.seed)
+        choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
     cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
-    whole = key_of(key, asdict(options))
+    whole = _key(photos, hints, asdict(options))
     return write_scene(output, photos, seen, matches, cutting, options, whole, on_progress)
 
 

@@ -9,7 +9,7 @@ from lightprobe.report.headings import IMAGES, LIGHTS, MAPS, OBJECT
 # title -> the scores that fit side by side in 80 columns
 _TABLES = {
     "The photos, re-rendered under the predicted light": tuple(IMAGES),
-    "Predicted against true light: what it makes of objects": (
+    "Objects under predicted and under true light (of the balls: errors)": (
         "relit_psnr",
         "relit_psnr_scaled",
         "diffuse_si_rmse",
