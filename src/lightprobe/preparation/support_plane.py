@@ -8,6 +8,7 @@ planes of all places are one in the object's frame, and a place with a bare tabl
     plane: normal . x = offset; height = normal . x - offset, positive on the object's side, in the cameras' unit
 """
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from lightprobe.scene.camera import Camera
 
 _NEAR = 3.0  # radii around the object's points within which its support shows
 _THIN = 0.015  # of the object's radius: distance from a plane up to which a point lies on it
+_ON = 0.02  # of the object's radius: height up to which a point is taken for the plane's
 _FEWEST = 10  # points that make a plane: three fit any
 _TRIALS = 2000  # of three points: enough where one point in seven lies on the plane
 _BELOW = 0.05  # share of the object's points and of the cameras that may lie beneath: errors
@@ -61,17 +63,18 @@ def find_planes(
     of_photo = np.array([places.get(int(photo), -1) for photo in solution.seen_by])
     which = sorted(set(places.values()))
     mine = {place: near & _seen(solution, of_photo == place) for place in which}
-    eyes = solution.pose[:, :3, 3]
+    stands = np.array([places.get(int(photo), -1) for photo in solution.photo])
+    eyes = {place: solution.pose[stands == place, :3, 3] for place in which}
     rng = np.random.default_rng(seed)
 
-    def fit(points: np.ndarray) -> tuple[SupportPlane, int] | None:
+    def fit(points: np.ndarray, eyes: np.ndarray) -> tuple[SupportPlane, int] | None:
         return _fit(points, chosen, eyes, radius, rng)
 
-    shared = fit(solution.points[near])
+    shared = fit(solution.points[near], solution.pose[:, :3, 3])
     planes = {}
     for place in which:
         points = solution.points[mine[place]]
-        own = fit(points)
+        own = fit(points, eyes[place])
         if own is not None and shared is not None:
             held = (np.abs(shared[0].height(points)) < _THIN * radius).sum()
             if held >= _SAME * own[1]:  # the object stands in this place as in the others
@@ -80,6 +83,28 @@ def find_planes(
         if found is not None:
             planes[place] = found[0]
     return planes
+
+
+def shared_points(solution: Solution, places: Mapping[int, int]) -> np.ndarray:
+    """Return which points photos of two places or more saw, (P,) bool: the object alone is in several places.
+
+    places: by photo.
+    """
+    pairs = np.stack([solution.seen, [places.get(int(photo), -1) for photo in solution.seen_by]])
+    seen, place = np.unique(pairs, axis=1)
+    return np.bincount(seen[place >= 0], minlength=len(solution.points)) >= 2
+
+
+def above_planes(solution: Solution, labels: np.ndarray, planes: Mapping[int, SupportPlane]) -> np.ndarray:
+    """Return the `labels` (P,) int8 of points, as from `masks.object_points`, with those on a plane off the object."""
+    points, found = solution.points, labels.copy()
+    on_object = points[labels == 1]
+    if not len(on_object):
+        return found
+    radius = np.quantile(np.linalg.norm(on_object - np.median(on_object, axis=0), axis=1), 0.9)
+    for plane in planes.values():
+        found[(labels == 1) & (plane.height(points) < _ON * radius)] = -1
+    return found
 
 
 def _seen(solution: Solution, chosen: np.ndarray) -> np.ndarray:
@@ -215,14 +240,11 @@ def expected_pictures(
     stack = np.stack([each / gain for each, gain in zip(light, gains, strict=True)])
     stack[~np.stack(valid)] = np.nan
     count = np.stack(valid).sum(0)
-    with np.errstate(all="ignore"):
-        import warnings
-
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", RuntimeWarning)
-            middle = np.nanmedian(stack, axis=0)
-            lightness = 255 * np.clip(stack * gains.mean(0), 0, 1).mean(-1) ** (1 / _GAMMA)
-            spread = 1.48 * np.nanmedian(np.abs(lightness - np.nanmedian(lightness, axis=0)), axis=0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # cells that no photo shows have no median
+        middle = np.nanmedian(stack, axis=0)
+        lightness = 255 * np.clip(stack * gains.mean(0), 0, 1).mean(-1) ** (1 / _GAMMA)
+        spread = 1.48 * np.nanmedian(np.abs(lightness - np.nanmedian(lightness, axis=0)), axis=0)
     good = (count >= _SEVERAL) & np.isfinite(middle).all(-1)
     middle = np.where(good[..., None], middle, 0).astype(np.float32)
     spread = np.where(good, spread, 0).astype(np.float32)

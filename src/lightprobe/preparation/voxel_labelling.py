@@ -165,14 +165,14 @@ class _Volume:
         total, seen = self._votes(_AGAINST[number])
         evidence = np.tanh((total + self._solid()) / _ENOUGH)
         evidence[self._below | (seen < max(2, _SEEN * len(self._views)))] = -SURE
-        occupied = minimum_cut(evidence, _AREA, _STEPS, self.hull.voxel)
+        occupied = minimum_cut(evidence, _AREA, _STEPS, self.hull.voxel.tolist())
         occupied = _main_pieces(scipy.ndimage.binary_fill_holes(occupied | self._below) & ~self._below)
         self.hull = replace(self.hull, occupancy=occupied, score=evidence.astype(np.float32))
         self._shapes = {i: self.hull.silhouette(view.camera) for i, view in self._views.items()}
 
     def _expected(self, number: int) -> dict[int, Expected]:
         """Return what photos would show of the plane alone, by photo."""
-        found = {}
+        found: dict[int, Expected] = {}
         center = (self.hull.lo + self.hull.hi) / 2
         radius = float(np.linalg.norm(self.hull.hi - self.hull.lo) / 2)
         for place, plane in self._planes.items():
@@ -198,8 +198,9 @@ class _Volume:
 
     def _log_ratio(self, photo: int, expected: Expected | None) -> np.ndarray:
         """Return L (h, w) of a photo."""
-        view, shape = self._views[photo], self._shapes.get(photo)
-        first = shape is None or not shape.any()
+        view = self._views[photo]
+        shape = self._shapes.get(photo, np.zeros(view.color.shape[:2], bool))
+        first = not shape.any()
         if first:
             points = self._solution.points[self._on_object & seen_by(self._solution, [photo])]
             inside = away_from(view.camera, points) < dot_radius(view.color.shape[:2])
@@ -225,7 +226,7 @@ class _Volume:
         cast = dict(
             zip(self._views, in_threads(lambda i: self._ballots(i, against), self._views), strict=True)
         )
-        for place in sorted(set(self._places[photo] for photo in self._views)):
+        for place in sorted({self._places[photo] for photo in self._views}):
             mine = [photo for photo in self._views if self._places[photo] == place]
             projections = np.stack([projection_matrix(self._views[i].camera) for i in mine])
             sizes = np.array([cast[i].shape for i in mine], np.int64)
