@@ -32,7 +32,7 @@ _DOT = 0.012  # of the longer side: radius around a point that has its label
 _REACH = 1.35  # radii of the object's points within which it may reach
 _BALL = 0.8  # of the ball that most photos show whole, where nothing tells what the object is
 NEAR_PHOTOS = 2  # near a photo, whose points mark the object in it beside the photo's own points
-_FEWEST = 12  # points from which the object's place is known
+FEWEST = 12  # points from which the object's place is known
 SHARP_POINT = 2.0  # pixels of mean error up to which a point is trusted
 
 
@@ -81,7 +81,7 @@ def object_points(solution: Solution, views: Mapping[int, View], everything: boo
         candidate &= np.linalg.norm(solution.points - center, axis=1) < max(radius, least)
     elif not everything:
         candidate &= _seen_inside(solution, hinted, candidate & (inside > 0))
-    if candidate.sum() < _FEWEST:
+    if candidate.sum() < FEWEST:
         raise InputError(
             "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
             "with --hint PHOTO=MASK.png or --hint PHOTO=x0,y0,x1,y1."
@@ -95,7 +95,7 @@ def _seen_inside(solution: Solution, hinted: Mapping[int, View], shown: np.ndarr
     Others merely lie behind or before the object in that photo.
     """
     own = seen_by(solution, list(hinted)) & shown
-    if own.sum() < _FEWEST:
+    if own.sum() < FEWEST:
         return shown
     center = np.median(solution.points[own], axis=0)
     radius = np.quantile(np.linalg.norm(solution.points[own] - center, axis=1), 0.9)
@@ -178,7 +178,7 @@ def first_trimap(view: View, solution: Solution, labels: np.ndarray, photo: int)
     dot = dot_radius(shape)
     mine = seen_by(solution, [photo])
     sure = (labels == 1) & seen_by(solution, photos_from_near(solution, photo, solution.points[labels == 1]))
-    near = away_from(camera, solution.points[sure if sure.sum() >= _FEWEST else labels == 1])
+    near = away_from(camera, solution.points[sure if sure.sum() >= FEWEST else labels == 1])
     reach = _reach(camera, solution.points[labels == 1], shape)
     trimap = np.where(reach, MAYBE_BACKGROUND, BACKGROUND).astype(np.uint8)
     trimap[reach & (near < 5 * dot)] = MAYBE_OBJECT

@@ -1,7 +1,7 @@
 """Masks in rounds: first cuts by what is known of the object, then cuts around the hull of all masks."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from lightprobe.preparation.cutting import masks_of, rembg_mask
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.masks import (
     AGREEMENTS,
+    FEWEST,
     MARGINS,
     Cutout,
     View,
@@ -29,8 +30,10 @@ from lightprobe.preparation.near_hull import cut_near_hull, point_marks
 from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.support_plane import SupportPlane, above_planes, find_planes, shared_points
+from lightprobe.preparation.voxel_labelling import label_voxels
 from lightprobe.preparation.writing import straight
-from lightprobe.scene.camera import Camera
+from lightprobe.scene.camera import Camera, Similarity
 
 Masks = Mapping[int, np.ndarray]  # (h, w) bool by photo
 OnProgress = Callable[[str, int, int], None]
@@ -46,6 +49,7 @@ class Cutting:
     cutout: Cutout
     labels: np.ndarray  # (P,) int8 of the solution's points: 1 on the object
     own: frozenset[str] = frozenset()  # names of the photos whose mask the user corrected
+    planes: Mapping[int, SupportPlane] = field(default_factory=dict)  # that the object stands on, by place
 
     @property
     def masks(self) -> dict[int, np.ndarray]:
@@ -62,8 +66,12 @@ def cut_rounds(
     own: Mapping[str, np.ndarray],
     options: PrepareOptions,
     on_progress: OnProgress,
+    places: Sequence[int] | None = None,
 ) -> Cutting:
     """Return the masks of all photos that have a camera.
+
+    places: for each photo the number of the place where it was taken, in which nothing moved; None where that is
+    not known. What several places share is the object, and voxels are labelled by it.
 
     known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
     masks (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
@@ -78,6 +86,14 @@ def cut_rounds(
         cutout = carve(views, {index: view.given for index, view in views.items() if view.given is not None})
         return Cutting(choice, views, cutout, np.ones(len(solution.points), np.int8), frozenset(own))
     labels = object_points(solution, views, choice.moving)
+    if (
+        places is not None
+        and len(set(places)) > 1
+        and not choice.moving
+        and options.masker is not Masker.REMBG
+    ):
+        at = {index: places[index] for index in views}
+        return _label(choice, views, at, labels, own, on_progress)
     if options.masker is Masker.REMBG:
         given = {i: view.given for i, view in views.items() if view.fixed and view.given is not None}
         masks = {i: given[i] if i in given else rembg_mask(view.color) for i, view in views.items()}
@@ -103,6 +119,35 @@ def cut_rounds(
         cutout = carve(views, masks, agreement)
         on_progress("masks", done + 1, len(MARGINS))
     return Cutting(choice, views, cutout, labels, frozenset(own))
+
+
+def _label(
+    choice: Choice,
+    views: dict[int, View],
+    places: Mapping[int, int],
+    labels: np.ndarray,
+    own: Mapping[str, np.ndarray],
+    on_progress: OnProgress,
+) -> Cutting:
+    """Return the masks of photos from several `places`, by photo; `labels` (P,) of points, as far as known."""
+    solution = choice.kept.solution
+    shared = (labels == 1) & shared_points(solution, places)
+    chosen = shared if shared.sum() >= FEWEST else labels == 1  # places whose photos do not match share none
+    planes = find_planes(solution, places, chosen)
+    labels = above_planes(solution, np.where(chosen, 1, np.minimum(labels, 0)).astype(np.int8), planes)
+    found = label_voxels(
+        views, places, solution, labels == 1, planes, lambda done, total: on_progress("masks", done, total)
+    )
+    hull = found.hull
+    if not hull.occupancy.any():
+        return Cutting(choice, views, Cutout(found.masks, {}, None, None), labels, frozenset(own))
+    points = hull.centers(hull.occupancy)
+    center = (points.min(axis=0) + points.max(axis=0)) / 2
+    radius = np.linalg.norm(points - center, axis=1).max() + hull.voxel.max()
+    similarity = Similarity(center, float(radius))
+    hull = replace(hull, lo=similarity.apply(hull.lo), hi=similarity.apply(hull.hi))
+    cutout = Cutout(found.masks, found.agreement, similarity, hull)
+    return Cutting(choice, views, cutout, labels, frozenset(own), planes)
 
 
 def _view(
