@@ -194,7 +194,7 @@ def test_the_scene_loads_with_its_cameras(tmp_path):
     rows, columns = np.mgrid[:SIZE, :SIZE]
     disc = ((rows - 100) ** 2 + (columns - 100) ** 2 < 60**2).astype(np.float32)
     write_masks(((name, disc) for name in cameras), {}, scene / "masks")
-    write_transforms(scene / "transforms.json", cameras, files)
+    write_transforms(scene / "transforms.json", cameras, files, {}, {})
     loaded = load_scene(scene)
     for photo in (*loaded.train, *loaded.test):
         assert np.allclose(photo.camera.camera_to_world, cameras[photo.name].camera_to_world)

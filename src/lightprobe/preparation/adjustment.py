@@ -13,12 +13,11 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.threads import in_threads
-from lightprobe.preparation.alignment import Tracks, followed
+from lightprobe.preparation.alignment import RIGHT, Tracks, followed
 from lightprobe.preparation.features import Features, pycolmap_library
 from lightprobe.preparation.geometry import epipolar_distance, same_side
 from lightprobe.preparation.mapping import Matches, Solution, solution_of
 
-RIGHT = 0.12  # share of the points shown where they should be: wrong cameras have .03, right ones .2 to .8
 _WEAK = 0.6  # of the usual share, below which a camera is looked for anew: it may be some degrees off
 _ROUNDS = (
     (8.0, 5.0),
@@ -48,9 +47,8 @@ class Placed:
 
     solution: Solution
     photos: list[Features]  # the places at which the solution's points are seen; no descriptors
-    share: dict[
-        int, float
-    ]  # by photo: of the points that it should show, those that it shows where it should
+    share: dict[int, float]  # as in `Tracks`
+    agreement: dict[int, float]  # likewise
 
 
 def placed(
@@ -71,11 +69,16 @@ def placed(
             break
         solution = more
     solution, tracks = _adjusted(photos, matches, solution, pictures, *_ROUNDS[2])
-    share = followed(solution, pictures, _ROUNDS[1][1]).share
+    judged = followed(solution, pictures, _ROUNDS[1][1])
     places = [np.zeros((0, 2)) for _ in photos]
     for photo in solution.photo:
         places[int(photo)] = tracks.place[tracks.photo == photo]
-    return Placed(solution, [each.marked(at) for each, at in zip(photos, places, strict=True)], share)
+    return Placed(
+        solution,
+        [each.marked(at) for each, at in zip(photos, places, strict=True)],
+        judged.share,
+        judged.agreement,
+    )
 
 
 def fitting(
@@ -159,7 +162,7 @@ def _adjusted(
         options.ceres.solver_options.max_num_iterations = _STEPS
         pycolmap.bundle_adjustment(model, options)
         pycolmap.ObservationManager(model).filter_all_points3D(error, _ANGLE)
-    return solution_of(model), Tracks(photo, point, place, tracks.share)
+    return solution_of(model), replace(tracks, photo=photo, point=point, place=place)
 
 
 def _model(pycolmap: Any, places: Sequence[np.ndarray], solution: Solution) -> Any:

@@ -19,6 +19,8 @@ from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.mapping import Solution, bent
 from lightprobe.scene.camera import Camera
 
+RIGHT = 0.12  # share of the points shown where they should be: wrong cameras have .03, right ones .2 to .8
+_TELLING = 15  # points of a view that a photo should show, from which they tell something
 _HALF = 6  # pixels from the middle of a patch to its edge
 _BLUR = 0.8  # pixels: what is finer is noise
 _STEPS = 8
@@ -40,6 +42,9 @@ class Tracks:
     point: np.ndarray  # (T,) int
     place: np.ndarray  # (T, 2) float64 pixels
     share: dict[int, float]  # by photo: of the points that it should show, those that it shows
+    agreement: dict[
+        int, float
+    ]  # by photo: of the views whose points it should show, those of which it shows some
 
 
 class _View:
@@ -104,15 +109,21 @@ def followed(
         return wanted[good], place[good]
 
     results = in_threads(found, work)
-    shown, should = dict.fromkeys(views, 0), dict.fromkeys(views, 0)
+    counts: dict[int, list[tuple[int, int]]] = {index: [] for index in views}
     for (index, other, _), (wanted, _) in zip(work, results, strict=True):
-        shown[index] += int((cosine[index][wanted] > side).sum())
-        should[index] += int((views[index].shown & (cosine[index] > side) & (first == other)).sum())
+        should = int((views[index].shown & (cosine[index] > side) & (first == other)).sum())
+        counts[index].append((int((cosine[index][wanted] > side).sum()), should))
     photo = [first, *(np.full(len(wanted), task[0]) for task, (wanted, _) in zip(work, results, strict=True))]
     point = [np.arange(len(points)), *(wanted for wanted, _ in results)]
     place = [at, *(place for _, place in results)]
-    share = {index: shown[index] / max(should[index], 1) for index in views}
-    return Tracks(np.concatenate(photo), np.concatenate(point), np.concatenate(place), share)
+    share = {
+        index: sum(a for a, _ in some) / max(sum(b for _, b in some), 1) for index, some in counts.items()
+    }
+    agreement = {}
+    for index, some in counts.items():
+        told = [a >= RIGHT * b for a, b in some if b >= _TELLING]
+        agreement[index] = float(np.mean(told)) if told else 1.0
+    return Tracks(np.concatenate(photo), np.concatenate(point), np.concatenate(place), share, agreement)
 
 
 def _best_views(solution: Solution) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.preparation import judging, view_graph
-from lightprobe.preparation.adjustment import placed
+from lightprobe.preparation.adjustment import Placed, placed
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
 from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
@@ -29,9 +29,8 @@ class Reconstruction:
     solution: Solution
     fit: judging.ObjectFit
     lenses: Lenses
-    share: dict[int, float] = field(
-        default_factory=dict
-    )  # see `adjustment.Placed`; empty before cameras are placed
+    share: dict[int, float] = field(default_factory=dict)  # as in `Tracks`; empty before cameras are placed
+    agreement: dict[int, float] = field(default_factory=dict)  # likewise
     apart: tuple[tuple[int, ...], ...] = ()  # photos of each model that does not join, the largest first
 
     def to_json(self) -> dict[str, object]:
@@ -116,7 +115,11 @@ def with_exact_cameras(
 ) -> Choice:
     """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there."""
     exact = placed(photos, matches, choice.kept.solution, pictures)
-    return replace(choice, kept=replace(choice.kept, solution=exact.solution, share=exact.share))
+    return replace(choice, kept=_placed(choice.kept, exact))
+
+
+def _placed(found: Reconstruction, exact: Placed) -> Reconstruction:
+    return replace(found, solution=exact.solution, share=exact.share, agreement=exact.agreement)
 
 
 def best_lenses(
@@ -180,8 +183,8 @@ def _to_arrays(choice: Choice) -> dict[str, np.ndarray]:
 
 def _words(found: Reconstruction) -> dict[str, object]:
     fit, lenses = asdict(found.fit), found.lenses.name
-    share = list(found.share.items())
-    return {"name": found.name, "verdict": fit, "lenses": lenses, "apart": found.apart, "share": share}
+    judged = [[photo, share, found.agreement[photo]] for photo, share in found.share.items()]
+    return {"name": found.name, "verdict": fit, "lenses": lenses, "apart": found.apart, "judged": judged}
 
 
 def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
@@ -194,8 +197,9 @@ def _from_arrays(arrays: dict[str, np.ndarray]) -> Choice:
             judging.ObjectFit(**stored["verdict"]),
             tuple(tuple(photos) for photos in stored["apart"]),
         )
-        share = {int(photo): float(value) for photo, value in stored["share"]}
-        return Reconstruction(stored["name"], solution, fit, Lenses[stored["lenses"]], share, apart)
+        share, agreement = ({int(row[0]): float(row[k]) for row in stored["judged"]} for k in (1, 2))
+        lenses = Lenses[stored["lenses"]]
+        return Reconstruction(stored["name"], solution, fit, lenses, share, agreement, apart)
 
     tried = tuple(reconstruction(stored) for stored in words["tried"])
     return Choice(reconstruction(words["kept"]), tried, words["why"], words["trap"], words["moving"])

@@ -18,7 +18,8 @@ from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
 from lightprobe.preparation.options import PrepareOptions, find_photo
 from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
-from lightprobe.preparation.rounds import WRITTEN, Cutting, written_masks
+from lightprobe.preparation.places import by_place
+from lightprobe.preparation.rounds import PLACE, WRITTEN, Cutting, written_masks
 from lightprobe.preparation.upright import Up
 from lightprobe.preparation.writing import LOW_AGREEMENT, lost_cell, photo_cell, straight
 from lightprobe.scene.camera import Camera
@@ -28,9 +29,11 @@ _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
 _DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
 _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
-_UNSURE = (
-    0.5  # of the share of points that photos usually show where they should, below which a camera is doubtful
-)
+_AGREEING = 0.5  # of the views whose points a photo should show: a camera that shows no more's is doubtful
+# Of the share of points that photos usually show where they should: below, a camera is doubtful; below the second, that
+# of a photo which is of no place.
+_UNSURE, _UNSURE_ALONE = 0.5, 0.75
+_EXPLAINED = 0.8  # of the matches on the object, below which all cameras are doubtful
 _IMAGES = "images.json"  # in the hidden folder: what the images were made of
 
 
@@ -53,7 +56,7 @@ def write_scene(
             f"Only {len(cutting.views)} of {len(photos)} photos fit together; take more photos that overlap, sharp and "
             "with less than 20 degrees between neighbours."
         )
-    solution, up, scale = _upright(photos, cutting, options)
+    solution, up, scale, rotation = _upright(photos, cutting, options)
     full = {i: writing.full_size(camera, photos[i]) for i, camera in solution.cameras().items()}
     remove(output / "transforms.json")  # what is not finished is no scene
     bends = solution.distortion()
@@ -66,7 +69,11 @@ def write_scene(
     _write_sheet(output / "contact.png", photos, seen, cutting, lost)
     write_json(output / "prepare.json", report)
     cameras = {photos[i].name: camera for i, camera in full.items()}
-    writing.write_transforms(output / "transforms.json", cameras, files)
+    groups = {photos[i].name: place for i, place in cutting.places.items()}
+    supports = {
+        place: plane.mapped(rotation, scale["scale_factor"]) for place, plane in cutting.planes.items()
+    }
+    writing.write_transforms(output / "transforms.json", cameras, files, groups, supports)
     on_progress("scene", 2, 2)
     return report
 
@@ -86,8 +93,8 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
 
 def _upright(
     photos: Sequence[SourcePhoto], cutting: Cutting, options: PrepareOptions
-) -> tuple[Solution, Up, dict]:
-    """Return the solution with z up and in the user's unit, the up direction, and words on the scale."""
+) -> tuple[Solution, Up, dict, np.ndarray]:
+    """Return the solution with z up and in the user's unit, what was up, words on the scale, and the rotation."""
     solution = cutting.choice.kept.solution
     up = _find_up(photos, solution, options)
     points = solution.points[cutting.labels == 1]
@@ -101,7 +108,7 @@ def _upright(
             raise InputError("--height cannot be used: the object's own height was not found in the photos.")
         factor, words = options.height / extent, f"the object is {options.height:g} high"
     rotation = upright.rotation_to_z(up.direction, solution.pose)
-    return solution.mapped(rotation, factor), up, {"scale": words, "scale_factor": factor}
+    return solution.mapped(rotation, factor), up, {"scale": words, "scale_factor": factor}, rotation
 
 
 def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: PrepareOptions) -> Up:
@@ -227,6 +234,7 @@ def _report(
         "kept": kept.to_json(),
         "why": cutting.choice.why,
         "points_where_they_should_be": {photos[i].name: round(v, 3) for i, v in kept.share.items()},
+        "places": {photos[i].name: place for i, place in cutting.places.items()},
         "doubtful_cameras": [photos[i].name for i in doubtful_cameras(cutting)],
         "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
@@ -253,6 +261,12 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
         found.append(
             f"{len(unsure)} cameras may be wrong: those of {', '.join(unsure[:4])}; their photos show few of the object's "
             "points where they should be."
+        )
+    explained = cutting.choice.kept.fit.explained
+    if explained < _EXPLAINED and cutting.choice.trap is None:
+        found.append(
+            f"All cameras are doubtful: they explain {explained:.0%} of the matches on the object only. Take photos less "
+            "than 20 degrees apart, or with more of what stands still in each place."
         )
     for group in cutting.choice.kept.apart:
         lost = [photos[i].name for i in group if i not in cutting.views]
@@ -282,10 +296,23 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
 
 
 def doubtful_cameras(cutting: Cutting) -> list[int]:
-    """Return the photos that show far fewer of the points where they should be than others do, worst first."""
-    share = cutting.choice.kept.share
-    usual = float(np.median(list(share.values()))) if share else 0.0
-    return sorted((i for i, value in share.items() if value < _UNSURE * usual), key=lambda i: share[i])
+    """Return the photos whose cameras may be wrong, the surest first.
+
+    They show points of half of the photos beside them, at most, where they should, or far fewer points than others
+    do, or few and nothing around the object that looks as it does in the photos of some place.
+    """
+    kept = cutting.choice.kept
+    usual = float(np.median(list(kept.share.values()))) if kept.share else 0.0
+    crowd = {place: len(photos) for place, photos in by_place(cutting.places).items()}
+    alone = {photo for photo, place in cutting.places.items() if crowd[place] < PLACE}
+    found = [
+        photo
+        for photo, share in kept.share.items()
+        if kept.agreement[photo] <= _AGREEING
+        or share < _UNSURE * usual
+        or (photo in alone and share < _UNSURE_ALONE * usual)
+    ]
+    return sorted(found, key=lambda photo: kept.share[photo])
 
 
 def hint_overlaps(cutting: Cutting) -> dict[int, float]:

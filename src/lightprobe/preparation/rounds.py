@@ -15,6 +15,7 @@ from lightprobe.preparation.cache import HIDDEN
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.cutting import masks_of, rembg_mask
 from lightprobe.preparation.looking import Seen
+from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.masks import (
     AGREEMENTS,
     FEWEST,
@@ -30,6 +31,7 @@ from lightprobe.preparation.near_hull import cut_near_hull, point_marks
 from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.places import by_place, same_place
 from lightprobe.preparation.support_plane import SupportPlane, above_planes, find_planes, shared_points
 from lightprobe.preparation.voxel_labelling import label_voxels
 from lightprobe.preparation.writing import straight
@@ -37,6 +39,7 @@ from lightprobe.scene.camera import Camera, Similarity
 
 Masks = Mapping[int, np.ndarray]  # (h, w) bool by photo
 OnProgress = Callable[[str, int, int], None]
+PLACE = 3  # photos that make a place: fewer may be what the others' light or table hides
 WRITTEN = "written.json"  # in the hidden folder: checksums of the masks as they were written
 
 
@@ -49,6 +52,7 @@ class Cutting:
     cutout: Cutout
     labels: np.ndarray  # (P,) int8 of the solution's points: 1 on the object
     own: frozenset[str] = frozenset()  # names of the photos whose mask the user corrected
+    places: Mapping[int, int] = field(default_factory=dict)  # by photo, of an object that was carried about
     planes: Mapping[int, SupportPlane] = field(default_factory=dict)  # that the object stands on, by place
 
     @property
@@ -66,13 +70,10 @@ def cut_rounds(
     own: Mapping[str, np.ndarray],
     options: PrepareOptions,
     on_progress: OnProgress,
-    places: Sequence[int] | None = None,
 ) -> Cutting:
     """Return the masks of all photos that have a camera.
 
-    places: for each photo the number of the place where it was taken, in which nothing moved; None where that is
-    not known. What several places share is the object, and voxels are labelled by it.
-
+    What several places share is the object, and voxels are labelled by it; of one place, photo by photo is cut.
     known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
     masks (H, W) bool, by name, that the user corrected in the scene. Errors as in `object_points`.
     """
@@ -86,14 +87,9 @@ def cut_rounds(
         cutout = carve(views, {index: view.given for index, view in views.items() if view.given is not None})
         return Cutting(choice, views, cutout, np.ones(len(solution.points), np.int8), frozenset(own))
     labels = object_points(solution, views, choice.moving)
-    if (
-        places is not None
-        and len(set(places)) > 1
-        and not choice.moving
-        and options.masker is not Masker.REMBG
-    ):
-        at = {index: places[index] for index in views}
-        return _label(choice, views, at, labels, own, on_progress)
+    places = {} if choice.moving else _places(solution, [each.grey for each in seen], labels == 1)
+    if places and options.masker is not Masker.REMBG:
+        return _label(choice, views, places, labels, own, on_progress)
     if options.masker is Masker.REMBG:
         given = {i: view.given for i, view in views.items() if view.fixed and view.given is not None}
         masks = {i: given[i] if i in given else rembg_mask(view.color) for i, view in views.items()}
@@ -121,6 +117,16 @@ def cut_rounds(
     return Cutting(choice, views, cutout, labels, frozenset(own))
 
 
+def _places(solution: Solution, pictures: Sequence[np.ndarray], on_object: np.ndarray) -> dict[int, int]:
+    """Return the place of each photo where the object (P,) bool was carried from place to place, else nothing."""
+    plane = find_planes(solution, dict.fromkeys(solution.photo.tolist(), 0), on_object).get(0)
+    if plane is None:
+        return {}
+    places = same_place(solution, pictures, plane, on_object)
+    several = [photos for photos in by_place(places).values() if len(photos) >= PLACE]
+    return places if len(several) > 1 else {}
+
+
 def _label(
     choice: Choice,
     views: dict[int, View],
@@ -140,14 +146,14 @@ def _label(
     )
     hull = found.hull
     if not hull.occupancy.any():
-        return Cutting(choice, views, Cutout(found.masks, {}, None, None), labels, frozenset(own))
+        return Cutting(choice, views, Cutout(found.masks, {}, None, None), labels, frozenset(own), places)
     points = hull.centers(hull.occupancy)
     center = (points.min(axis=0) + points.max(axis=0)) / 2
     radius = np.linalg.norm(points - center, axis=1).max() + hull.voxel.max()
     similarity = Similarity(center, float(radius))
     hull = replace(hull, lo=similarity.apply(hull.lo), hi=similarity.apply(hull.hi))
     cutout = Cutout(found.masks, found.agreement, similarity, hull)
-    return Cutting(choice, views, cutout, labels, frozenset(own), planes)
+    return Cutting(choice, views, cutout, labels, frozenset(own), places, planes)
 
 
 def _view(

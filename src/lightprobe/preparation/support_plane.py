@@ -45,6 +45,10 @@ class SupportPlane:
         """Return how far above the plane `points` (..., 3) lie, (...) float64."""
         return points @ self.normal - self.offset
 
+    def mapped(self, rotation: np.ndarray, scale: float) -> "SupportPlane":
+        """Return the plane with the world turned by `rotation` (3, 3), then scaled."""
+        return SupportPlane(rotation @ self.normal, scale * self.offset)
+
 
 def find_planes(
     solution: Solution, places: Mapping[int, int], on_object: np.ndarray, seed: int = 0

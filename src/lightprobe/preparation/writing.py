@@ -16,6 +16,7 @@ from lightprobe.imaging.resize import STRIP
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.mapping import bent
 from lightprobe.preparation.photos import SourcePhoto
+from lightprobe.preparation.support_plane import SupportPlane
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.overlay import Cell, contact_sheet, outline
 
@@ -155,8 +156,18 @@ def write_masks(
         written(temporary)
 
 
-def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[str, str]) -> None:
-    """Write the cameras of full-size photos, OpenGL axes, z up."""
+def write_transforms(
+    path: Path,
+    cameras: Mapping[str, Camera],
+    files: Mapping[str, str],
+    groups: Mapping[str, int],
+    supports: Mapping[int, SupportPlane],
+) -> None:
+    """Write the cameras of full-size photos, OpenGL axes, z up.
+
+    groups: the place, with one light, where each photo was taken, as far as known. supports: by place, the plane
+    that the object stands on: a point x lies on it where normal . x is the offset.
+    """
     frames: list[dict[str, Any]] = [
         {
             "file_path": f"images/{files[name]}",
@@ -168,10 +179,15 @@ def write_transforms(path: Path, cameras: Mapping[str, Camera], files: Mapping[s
             "w": camera.width,
             "h": camera.height,
             "transform_matrix": camera.camera_to_world.tolist(),
+            **({"light_group": groups[name]} if name in groups else {}),
         }
         for name, camera in cameras.items()
     ]
-    write_json(path, {"camera_model": "PINHOLE", "frames": frames})
+    told = {
+        f"{place}": {"normal": plane.normal.tolist(), "offset": float(plane.offset)}
+        for place, plane in supports.items()
+    }
+    write_json(path, {"camera_model": "PINHOLE", **({"supports": told} if told else {}), "frames": frames})
 
 
 def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
