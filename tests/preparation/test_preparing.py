@@ -148,7 +148,8 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     photos = [SimpleNamespace(name=f"{i}.png", checksum=i) for i in range(5)]
     features, _, solution = photographed_ring(ring_cameras(5), ball_points(120))
     seen = [SimpleNamespace(sharpness=1.0, features=each) for each in features]
-    kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution)
+    fit = SimpleNamespace(explained=1.0)
+    kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution, share={}, agreement={}, fit=fit)
     choice = SimpleNamespace(kept=kept, trap=None)
     view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
     cutting = Cutting(choice, {0: view, 1: view}, Cutout({}, {}, None, None), np.ones(5, np.int8))

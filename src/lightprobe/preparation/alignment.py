@@ -20,6 +20,7 @@ from lightprobe.preparation.mapping import Solution, bent
 from lightprobe.scene.camera import Camera
 
 RIGHT = 0.12  # share of the points shown where they should be: wrong cameras have .03, right ones .2 to .8
+AGREEING = 0.5  # of the views whose points a photo should show: a camera that shows no more's may be wrong
 _TELLING = 15  # points of a view that a photo should show, from which they tell something
 _HALF = 6  # pixels from the middle of a patch to its edge
 _BLUR = 0.8  # pixels: what is finer is noise

@@ -8,7 +8,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.preparation import judging, view_graph
-from lightprobe.preparation.adjustment import Placed, placed
+from lightprobe.preparation.adjustment import placed
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
 from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
@@ -115,11 +115,8 @@ def with_exact_cameras(
 ) -> Choice:
     """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there."""
     exact = placed(photos, matches, choice.kept.solution, pictures)
-    return replace(choice, kept=_placed(choice.kept, exact))
-
-
-def _placed(found: Reconstruction, exact: Placed) -> Reconstruction:
-    return replace(found, solution=exact.solution, share=exact.share, agreement=exact.agreement)
+    kept = replace(choice.kept, solution=exact.solution, share=exact.share, agreement=exact.agreement)
+    return replace(choice, kept=kept)
 
 
 def best_lenses(

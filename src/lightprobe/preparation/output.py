@@ -12,6 +12,7 @@ from lightprobe.core.files import checksum, named_file, read_json, remove, write
 from lightprobe.core.stored import read_object
 from lightprobe.imaging import gravity, resize_area
 from lightprobe.preparation import upright, writing
+from lightprobe.preparation.alignment import AGREEING
 from lightprobe.preparation.cache import HIDDEN, key_of
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
@@ -29,7 +30,6 @@ _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
 _DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
 _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
-_AGREEING = 0.5  # of the views whose points a photo should show: a camera that shows no more's is doubtful
 # Of the share of points that photos usually show where they should: below, a camera is doubtful; below the second, that
 # of a photo which is of no place.
 _UNSURE, _UNSURE_ALONE = 0.5, 0.75
@@ -308,7 +308,7 @@ def doubtful_cameras(cutting: Cutting) -> list[int]:
     found = [
         photo
         for photo, share in kept.share.items()
-        if kept.agreement[photo] <= _AGREEING
+        if kept.agreement[photo] <= AGREEING
         or share < _UNSURE * usual
         or (photo in alone and share < _UNSURE_ALONE * usual)
     ]

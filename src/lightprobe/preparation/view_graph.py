@@ -99,7 +99,8 @@ def _edges(
 class _Hypothesis:
     """A rotation between the frames of two groups."""
 
-    balance: float  # matches for it less the matches that it lacks
+    support: float  # matches for it
+    balance: float  # these less the matches that it lacks
     rotation: np.ndarray  # (3, 3), first group's frame to the second's
 
 
@@ -121,19 +122,30 @@ def _joined(count: int, edges: Sequence[Edge]) -> tuple[np.ndarray, np.ndarray]:
         for pair, joining in between.items():
             if pair not in known:
                 known[pair] = _hypotheses(pair, joining, group, rotation, strength, possible)
-        ranked = sorted(between, key=lambda pair: -_margin(known[pair]))
-        if not ranked or known[ranked[0]][0].balance < _LEAST:
+        sure = [pair for pair in between if known[pair][0].balance >= _LEAST]
+        likely = [pair for pair in between if _is_likely(known[pair])]
+        if not sure and not likely:
             return group, rotation
-        kept, gone = ranked[0]
+        kept, gone = max(sure or likely, key=lambda pair: _margin(known[pair]))
         moved = group == gone
-        rotation[moved] = rotation[moved] @ known[ranked[0]][0].rotation
+        rotation[moved] = rotation[moved] @ known[kept, gone][0].rotation
         group[moved] = kept
         known = {pair: found for pair, found in known.items() if not {kept, gone} & set(pair)}
 
 
 def _margin(found: Sequence[_Hypothesis]) -> float:
-    """Return by how much the best hypothesis is better than the next, or than none."""
-    return found[0].balance - max(0.0, found[1].balance if len(found) > 1 else 0.0)
+    """Return by how much the best hypothesis is better than the next, or than none where it is for itself."""
+    rival = found[1].balance if len(found) > 1 else 0.0
+    return found[0].balance - (max(0.0, rival) if found[0].balance > 0 else min(0.0, rival))
+
+
+def _is_likely(found: Sequence[_Hypothesis]) -> bool:
+    """Tell whether groups whose photos lack matches are joined all the same: where nothing else comes near.
+
+    Light and distance may have taken matches away, and photos that are left out are lost.
+    """
+    best = found[0]
+    return best.support >= 2 * FEWEST_MATCHES and best.balance > -best.support and _margin(found) >= _LEAST
 
 
 def _hypotheses(
@@ -165,7 +177,8 @@ def _hypotheses(
         rows = np.ix_(first, second)
         expected = _EXPECTED * possible[rows] * np.exp(-((angle / _FADE) ** 2))
         lacking = np.maximum(0, expected - strength[rows]).sum()
-        found.append(_Hypothesis(float(weights[alike[index]].sum() - lacking), mean))
+        support = float(weights[alike[index]].sum())
+        found.append(_Hypothesis(support, support - float(lacking), mean))
     return sorted(found, key=lambda each: -each.balance)
 
 
