@@ -10,7 +10,7 @@ import numpy as np
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.support_plane import Expected
 
-SURE = 4.0  # logarithm beyond which a pixel is not surer: reflections and clipped whites deceive any model
+SURE = 6.0  # logarithm beyond which a pixel is not surer: reflections and clipped whites deceive any model
 _KINDS = 32  # of colours in a photo
 _SAMPLES = 6000  # pixels that these are found from
 _ROUNDS = 8  # of k-means

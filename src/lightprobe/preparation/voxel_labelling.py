@@ -35,29 +35,38 @@ _GROWTH = 0.25  # of the object's size: beyond the outermost points there are pa
 _TIGHT = 0.1  # of the object's size around the labels so far: finer voxels
 _TIGHTEN = 2  # rounds after which the labels tell how large the object is
 # Of each round: the most that one photo counts against a voxel.
-_AGAINST = (1.0, 1.5, 2.0, 2.0)
+_AGAINST = (1.0, 2.0, 3.0, 4.0)
 # Of each round: voxels inside the labels so far, and share of the object's height, from which they hide the plane.
 # Early labels have table in them, at the foot; what they hide could not be told to be table.
-_HIDES = ((0.0, 0.0), (3.0, 0.2), (2.0, 0.1), (1.0, 0.05))
-_SHOWS, _SHOWS_DEEP = 0.5, 0.995  # r at and outside the silhouette, and deep inside it
+# They are eroded as deep, as a table that hides itself is never told from the object.
+_HIDES = ((0.0, 0.0), (3.0, 0.2), (3.0, 0.15), (3.0, 0.1))
+_SHOWS, _SHOWS_DEEP = 0.5, 0.999  # r at and outside the silhouette, and deep inside it
 _DEEP = 0.04  # of the silhouette's size: half as deep r begins to rise, and is _SHOWS_DEEP
 _SOLID = 1.0  # vote for a voxel from each of _CORE voxels between it and the surface: no photo looks at it
-_CORE = 8
+_CORE = 3
 _ENOUGH = 3.0  # sum of votes from which a voxel is as good as sure
 _AREA = 0.35  # cost of a face; a rod of two by two voxels that are sure pays twice that much
 _STEPS = 150  # of the cut, after which labels change no more
 _SCALE = 16.0  # votes are kept as whole multiples of a sixteenth
 _NOVEL = (0.5, 0.15)  # share of the object that may have any colour: at first, and in later rounds
 _REACH = (0.5, 0.25)  # of the object's size around which colours count as nearby: likewise
+_RING = 0.25  # of the object's size around it, whose pixels tell how the background's ratios are spread
+_BINS, _BLUR = 24, 1.0  # of ratios, for that, and over how many they are averaged
+_RARE = 0.05  # share of either side's pixels that may have any ratio: labels err
 _SEEN = 0.1  # of the photos that must see a voxel
-_SPECK = 0.02  # of the largest piece: smaller ones are noise
+_SPECK = (
+    0.001  # of the largest piece: smaller ones are noise; the ball on an aerial too thin to see is larger
+)
 _EDGE_STEPS = 80  # of the cut in a photo
 _EDGE = 2.0  # cost of a pixel's side along the outline where colours are even
 _CONTRAST = 12.0  # 8-bit CIELAB: difference between neighbours where an outline costs half as much
 _FREE = 0.1  # of that cost remains at a strong edge
-_SLOPE = 1.0  # logarithm by which a pixel is likelier inside for each pixel to the volume's outline
-_BOUND = 6.0  # logarithm that the outline is worth at most
-_WIDER = 0.5  # pixels by which silhouettes are too wide, as votes count for the pixels beside them, too
+_SLOPE = 1.5  # logarithm by which a pixel is likelier inside for each pixel to the volume's outline
+_FAR, _BOUND = (
+    6.0,
+    3.0,
+)  # logarithms that the outline is worth at most: far outside, and inside, where it may bulge
+_WIDER = 1.0  # pixels by which silhouettes are too wide, as votes count for the pixels beside them, too
 
 
 @dataclass(frozen=True)
@@ -91,7 +100,9 @@ def label_voxels(
             volume.tighten()
         volume.label(number)
         on_round(number + 1, len(_AGAINST) + 1)
+    volume.refine()
     masks = volume.masks()
+    on_round(len(_AGAINST) + 1, len(_AGAINST) + 1)
     return Labelling(volume.hull, masks, volume.agreement(masks))
 
 
@@ -115,6 +126,7 @@ class _Volume:
             zip(views, in_threads(lambda i: ColourLikelihood(views[i].color), views), strict=True)
         )
         self._shapes: dict[int, np.ndarray] = {}
+        self._masks: dict[int, np.ndarray] = {}
         self.logs: dict[int, np.ndarray] = {}
         self._place_votes: dict[int, np.ndarray] = {}
         self._enclose(low - margin, high + margin)
@@ -169,6 +181,18 @@ class _Volume:
         occupied = _main_pieces(scipy.ndimage.binary_fill_holes(occupied | self._below) & ~self._below)
         self.hull = replace(self.hull, occupancy=occupied, score=evidence.astype(np.float32))
         self._shapes = {i: self.hull.silhouette(view.camera) for i, view in self._views.items()}
+        self._masks = self.masks()
+
+    def refine(self) -> None:
+        """Find the colours' ratios once more, by the last labels, and what they are worth."""
+        expected = self._expected(len(_HIDES) - 1)
+
+        def colours(photo: int) -> np.ndarray:
+            return self._log_ratio(photo, expected.get(photo), calibrate=True)
+
+        self.logs = dict(zip(self._views, in_threads(colours, self._views), strict=True))
+        self._masks = self.masks()
+        self._votes(_AGAINST[-1], beside=False)  # for what each place says by itself
 
     def _expected(self, number: int) -> dict[int, Expected]:
         """Return what photos would show of the plane alone, by photo."""
@@ -196,10 +220,10 @@ class _Volume:
         top = np.quantile(height[occupied], 0.98) if occupied.any() else 0.0
         return replace(self.hull, occupancy=occupied & inner & (height > share * top))
 
-    def _log_ratio(self, photo: int, expected: Expected | None) -> np.ndarray:
+    def _log_ratio(self, photo: int, expected: Expected | None, calibrate: bool = False) -> np.ndarray:
         """Return L (h, w) of a photo."""
         view = self._views[photo]
-        shape = self._shapes.get(photo, np.zeros(view.color.shape[:2], bool))
+        shape = self._masks.get(photo, np.zeros(view.color.shape[:2], bool))
         first = not shape.any()
         if first:
             points = self._solution.points[self._on_object & seen_by(self._solution, [photo])]
@@ -216,15 +240,22 @@ class _Volume:
             _NOVEL[0] if first else _NOVEL[1],
             expected,
         )
+        if calibrate and not first:
+            ratio = calibrated(ratio, inside, outside & (_away(shape) < _RING * self._size))
         if view.given is not None:
             ratio = np.where(view.given, SURE if view.fixed else ratio, -SURE)
         return ratio
 
-    def _votes(self, against: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return the sum of votes for each voxel and the number of photos that see it, (N, N, N)."""
+    def _votes(self, against: float, beside: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sum of votes for each voxel and the number of photos that see it, (N, N, N) both.
+
+        against: the most that one photo counts against a voxel. beside: the likeliest of neighbouring pixels speaks.
+        """
         total, seen = np.zeros(self._below.shape), np.zeros(self._below.shape, int)
         cast = dict(
-            zip(self._views, in_threads(lambda i: self._ballots(i, against), self._views), strict=True)
+            zip(
+                self._views, in_threads(lambda i: self._ballots(i, against, beside), self._views), strict=True
+            )
         )
         for place in sorted({self._places[photo] for photo in self._views}):
             mine = [photo for photo in self._views if self._places[photo] == place]
@@ -239,13 +270,14 @@ class _Volume:
             total, seen = total + self._place_votes[place], seen + count
         return total, seen
 
-    def _ballots(self, photo: int, against: float) -> np.ndarray:
+    def _ballots(self, photo: int, against: float, beside: bool) -> np.ndarray:
         """Return a photo's votes (h, w) int8."""
-        cross = scipy.ndimage.generate_binary_structure(2, 1)
-        # The likeliest of neighbouring pixels: cameras err by one, and parts are as thin.
-        ratio = scipy.ndimage.grey_dilation(self.logs[photo], footprint=cross)
+        cross = scipy.ndimage.generate_binary_structure(2, 1)  # cameras err by a pixel, and parts are as thin
+        ratio = self.logs[photo]
+        if beside:
+            ratio = scipy.ndimage.grey_dilation(ratio, footprint=cross)
         shows = np.full(ratio.shape, _SHOWS, np.float32)
-        shape = self._shapes.get(photo)
+        shape = self._masks.get(photo)
         if shape is not None and shape.any():
             width = max(2.0, _DEEP * np.sqrt(shape.sum()))
             shows += (_SHOWS_DEEP - _SHOWS) * np.clip(_depth(shape) / width - 1, 0, 1)
@@ -284,6 +316,23 @@ class _Volume:
         return {photo: found[photo] for photo in self._views}
 
 
+def calibrated(ratio: np.ndarray, inside: np.ndarray, outside: np.ndarray) -> np.ndarray:
+    """Return `ratio` (h, w) as the logarithm of how much more often it occurs inside than outside, (h, w) float32.
+
+    inside, outside: (h, w) bool. A shiny object has the colours of its surroundings here and there, these are seldom
+    unlike themselves; what is only somewhat likelier background is then no evidence at all.
+    """
+    edges = np.linspace(-SURE, SURE, _BINS + 1)
+    logs = []
+    for side in (inside, outside):
+        counts = np.histogram(ratio[side], edges)[0].astype(float)
+        counts = scipy.ndimage.gaussian_filter1d(counts, _BLUR, mode="nearest")
+        logs.append(np.log(counts / max(counts.sum(), 1e-9) + _RARE / _BINS))
+    rising = np.maximum.accumulate(logs[0] - logs[1])
+    middles = (edges[1:] + edges[:-1]) / 2
+    return np.clip(np.interp(ratio, middles, rising), -SURE, SURE).astype(np.float32)
+
+
 def edge_cut(lab: np.ndarray, ratio: np.ndarray, shape: np.ndarray) -> np.ndarray:
     """Return the mask (h, w) bool near the volume's silhouette `shape` (h, w) bool, along edges of the photo.
 
@@ -292,15 +341,17 @@ def edge_cut(lab: np.ndarray, ratio: np.ndarray, shape: np.ndarray) -> np.ndarra
     if not shape.any():
         return shape
     distance = np.where(shape, _depth(shape) - 0.5, 0.5 - _away(shape)) - _WIDER
-    evidence = ratio + np.clip(_SLOPE * distance, -_BOUND, _BOUND)
+    evidence = ratio + np.clip(_SLOPE * distance, -_FAR, _BOUND)
     down, right = np.zeros(shape.shape), np.zeros(shape.shape)
     down[:-1], right[:, :-1] = (np.diff(lab, axis=0) ** 2).sum(-1), (np.diff(lab, axis=1) ** 2).sum(-1)
     cost = _EDGE * (_FREE + (1 - _FREE) * np.exp(-(down + right) / (2 * _CONTRAST**2)))
-    rows, columns = (np.flatnonzero((distance > -2 * _BOUND).any(axis=axis)) for axis in (1, 0))
+    rows, columns = (np.flatnonzero((distance > -_FAR / _SLOPE).any(axis=axis)) for axis in (1, 0))
     window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     mask = np.zeros(shape.shape, bool)
     mask[window] = minimum_cut(evidence[window], cost[window], _EDGE_STEPS)
-    return mask
+    return mask | (
+        scipy.ndimage.binary_fill_holes(mask) & shape
+    )  # what the volume fills is a spot, no opening
 
 
 def _box_shown(camera: Camera, low: np.ndarray, high: np.ndarray) -> np.ndarray:
