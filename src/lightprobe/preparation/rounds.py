@@ -140,6 +140,11 @@ def _label(
     shared = (labels == 1) & shared_points(solution, places)
     chosen = shared if shared.sum() >= FEWEST else labels == 1  # places whose photos do not match share none
     planes = find_planes(solution, places, chosen)
+    common = find_planes(solution, dict.fromkeys(places, 0), chosen).get(0)
+    if (
+        common is not None
+    ):  # in it the photos of a place look alike, which a few points of their own tell less surely
+        planes |= {place: common for place, photos in by_place(places).items() if len(photos) >= PLACE}
     labels = above_planes(solution, np.where(chosen, 1, np.minimum(labels, 0)).astype(np.int8), planes)
     found = label_voxels(
         views, places, solution, labels == 1, planes, lambda done, total: on_progress("masks", done, total)
