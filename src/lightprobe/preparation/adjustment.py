@@ -13,22 +13,16 @@ from typing import Any
 import numpy as np
 
 from lightprobe.core.threads import in_threads
-from lightprobe.preparation.alignment import RIGHT, Tracks, followed
+from lightprobe.preparation.alignment import RIGHT, followed
 from lightprobe.preparation.features import Features, pycolmap_library
 from lightprobe.preparation.geometry import epipolar_distance, same_side
-from lightprobe.preparation.mapping import Matches, Solution, solution_of
+from lightprobe.preparation.mapping import Matches, Solution, from_world, lens_camera, solution_of, world_pose
 
 _WEAK = 0.6  # of the usual share, below which a camera is looked for anew: it may be some degrees off
-_ROUNDS = (
-    (8.0, 5.0),
-    (4.0, 4.0),
-    (3.0, 3.0),
-)  # pixels: of matches from epipolar lines, of patches from their places
-_ADJUSTMENTS = (
-    (1.0, 4.0),
-    (0.6, 2.5),
-    (0.4, 1.5),
-)  # pixels: scale of the loss, and error of points that stay
+# Pixels: of matches from epipolar lines, of patches from their places.
+_ROUNDS = ((8.0, 5.0), (4.0, 4.0), (3.0, 3.0))
+# Pixels: scale of the loss, and error of points that stay.
+_ADJUSTMENTS = ((1.0, 4.0), (0.6, 2.5), (0.4, 1.5))
 _FITTING = 0.4  # share of a pair's matches that must fit the cameras, or the pair is another side's
 _FEWEST = 10  # matches of a pair
 _VIEWS = 3  # photos of a point that counts
@@ -46,7 +40,6 @@ class Placed:
     """Cameras that were placed exactly."""
 
     solution: Solution
-    photos: list[Features]  # the places at which the solution's points are seen; no descriptors
     share: dict[int, float]  # as in `Tracks`
     agreement: dict[int, float]  # likewise
 
@@ -59,7 +52,7 @@ def placed(
     matches: (M, 2) by pair, all that were found. pictures: (H, W) uint8, which the features were found in.
     """
     for near, far in _ROUNDS[:2]:
-        solution, _ = _adjusted(photos, matches, solution, pictures, near, far)
+        solution = _adjusted(photos, matches, solution, pictures, near, far)
     share = followed(solution, pictures, _ROUNDS[1][1]).share
     least = max(RIGHT, _WEAK * float(np.median(list(share.values()))))
     solution = _without(solution, [photo for photo, value in share.items() if value < least])
@@ -68,17 +61,9 @@ def placed(
         if len(more.photo) == len(solution.photo):
             break
         solution = more
-    solution, tracks = _adjusted(photos, matches, solution, pictures, *_ROUNDS[2])
+    solution = _adjusted(photos, matches, solution, pictures, *_ROUNDS[2])
     judged = followed(solution, pictures, _ROUNDS[1][1])
-    places = [np.zeros((0, 2)) for _ in photos]
-    for photo in solution.photo:
-        places[int(photo)] = tracks.place[tracks.photo == photo]
-    return Placed(
-        solution,
-        [each.marked(at) for each, at in zip(photos, places, strict=True)],
-        judged.share,
-        judged.agreement,
-    )
+    return Placed(solution, judged.share, judged.agreement)
 
 
 def fitting(
@@ -131,8 +116,8 @@ def _adjusted(
     pictures: Sequence[np.ndarray],
     near: float,
     far: float,
-) -> tuple[Solution, Tracks]:
-    """Return the solution adjusted to the points that were followed, and their tracks.
+) -> Solution:
+    """Return the solution adjusted to the points that were followed.
 
     near: pixels that matches lie off epipolar lines. far: pixels that patches lie beside their places.
     """
@@ -162,7 +147,7 @@ def _adjusted(
         options.ceres.solver_options.max_num_iterations = _STEPS
         pycolmap.bundle_adjustment(model, options)
         pycolmap.ObservationManager(model).filter_all_points3D(error, _ANGLE)
-    return solution_of(model), replace(tracks, photo=photo, point=point, place=place)
+    return solution_of(model)
 
 
 def _model(pycolmap: Any, places: Sequence[np.ndarray], solution: Solution) -> Any:
@@ -183,14 +168,12 @@ def _model(pycolmap: Any, places: Sequence[np.ndarray], solution: Solution) -> A
             model.add_camera_with_trivial_rig(camera)
         index, points = int(photo), places[int(photo)].astype(np.float64)
         image = pycolmap.Image(name=f"{index}", keypoints=points, camera_id=numbers[key], image_id=index + 1)
-        to_camera = np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))[:3]
-        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(to_camera))
+        model.add_image_with_trivial_frame(image, pycolmap.Rigid3d(from_world(pose)))
     return model
 
 
 def _camera(pycolmap: Any, lens: np.ndarray, size: np.ndarray) -> Any:
-    model, (width, height) = pycolmap.CameraModelId.SIMPLE_RADIAL, size
-    camera = pycolmap.Camera.create_from_model_id(1, model, lens[0], int(width), int(height))
+    camera = lens_camera(pycolmap, lens[0], (int(size[0]), int(size[1])))
     camera.params = lens
     return camera
 
@@ -272,8 +255,5 @@ def _candidates(
         pose = pycolmap.estimate_and_refine_absolute_pose(at, points, camera, options)
         if pose is None or pose["num_inliers"] < _INLIERS:
             continue
-        to_camera = np.eye(4)
-        to_camera[:3] = pose["cam_from_world"].matrix()
-        world = np.linalg.inv(to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0])
-        cameras.append((world, lens))
+        cameras.append((world_pose(pose["cam_from_world"].matrix()), lens))
     return cameras

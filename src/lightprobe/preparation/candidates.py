@@ -15,7 +15,7 @@ from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solu
 
 WHOLE, MOVING, SECOND = "whole photos", "what moves", "what moves against the rest"
 _NEARLY_ALL = 0.9  # of the photos registered: other lenses are not tried then
-_EXPLAINED = 0.8  # share of the object's matches from which a reconstruction is taken for the object's
+EXPLAINED = 0.8  # share of the object's matches from which a reconstruction is taken for the object's
 _SECOND_PAIRS = 0.5  # pairs per photo that fit in another way than the cameras say, that are worth a look
 _BETTER = 1.1  # times the score that another reconstruction needs to take the place of an earlier one
 _MANY_LENSES = 0.1  # focal lengths per photo: so many are of photos from anywhere, whose EXIF means little
@@ -87,7 +87,7 @@ def choose(
         )
     good = f"it explains {whole.fit.explained:.0%} of the matches on the object"
     plain, total = Choice(whole, (whole,), good, None, False), len(photos)
-    if whole.fit.explained >= _EXPLAINED:
+    if whole.fit.explained >= EXPLAINED:
         return plain, matches
     left = judging.unexplained(photos, matches, whole.solution)
     everywhere = [np.ones(len(features.points), bool) for features in photos]
@@ -129,8 +129,9 @@ def best_lenses(
 ) -> Reconstruction | None:
     """Return the reconstruction of matches (M, 2) with the lenses that register most photos, or None.
 
-    Only pairs that agree on rotations have a vote (`view_graph`). Of several models that do not join, it has the one that does best on the object. Between lenses, matches
-    and photos being the same, the one that registers more is better: a wrong lens loses photos.
+    Only pairs that agree on rotations have a vote (`view_graph`). Of several models that do not join, it has
+    the one that does best on the object. Between lenses, matches and photos being the same, the one that
+    registers more is better: a wrong lens loses photos.
     """
     best: Reconstruction | None = None
     agreed = view_graph.consistent(photos, matches, focal, seed).matches

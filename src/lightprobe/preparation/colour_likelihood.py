@@ -24,6 +24,25 @@ _SHARPEST = 4.0  # density of a colour that is expected, at most
 _SMOOTH = 0.7  # pixels over which the answer is averaged: noise of single pixels
 
 
+def colour_kinds(colors: np.ndarray, most: int, samples: int) -> np.ndarray:
+    """Return at most so many kinds (K, 3) of colours (N, 3) float32, by k-means of some `samples` of them."""
+    cv2 = opencv_library()
+    some = colors[:: max(1, len(colors) // samples)]
+    end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
+    cv2.setRNGSeed(0)
+    return cv2.kmeans(some, min(most, len(some)), None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
+
+
+def nearby(values: np.ndarray, reach: float) -> np.ndarray:
+    """Return the mean of values (h, w) float32 around each pixel, by a Gaussian of `reach` pixels' deviation."""
+    cv2 = opencv_library()
+    height, width = values.shape
+    step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
+    small = max(1, width // step), max(1, height // step)
+    coarse = cv2.resize(values, small, interpolation=cv2.INTER_AREA)
+    return cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach / step), (width, height))
+
+
 class ColourLikelihood:
     """A photo's colours, sorted into kinds."""
 
@@ -31,11 +50,7 @@ class ColourLikelihood:
         """Find the kinds of colours of a photo (h, w, 3) uint8 sRGB."""
         cv2 = opencv_library()
         self.lab = cv2.cvtColor(color, cv2.COLOR_RGB2LAB).astype(np.float32)
-        flat = self.lab.reshape(-1, 3)
-        some = flat[:: max(1, len(flat) // _SAMPLES)]
-        kinds, end = min(_KINDS, len(some)), (cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0)
-        cv2.setRNGSeed(0)
-        self._kinds = cv2.kmeans(some, kinds, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
+        self._kinds = colour_kinds(self.lab.reshape(-1, 3), _KINDS, _SAMPLES)
 
     def log_ratio(
         self,
@@ -71,20 +86,11 @@ def _density(alike: np.ndarray, share: np.ndarray, side: np.ndarray, reach: floa
 
     alike, share (kinds, h, w): how alike pixels are to a kind of colour, and how much of theirs is of the kind.
     """
-    cv2 = opencv_library()
-    height, width = side.shape
     if not side.any():
-        return np.zeros((height, width), np.float32)
-    step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
-    small = max(1, width // step), max(1, height // step)
-
-    def around(values: np.ndarray) -> np.ndarray:
-        coarse = cv2.resize(values, small, interpolation=cv2.INTER_AREA)
-        return cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach / step), (width, height))
-
+        return np.zeros(side.shape, np.float32)
     weight = side.astype(np.float32)
-    total = around(weight)
-    near = sum(part * around(each * weight) for part, each in zip(share, alike, strict=True))
+    total = nearby(weight, reach)
+    near = sum(part * nearby(each * weight, reach) for part, each in zip(share, alike, strict=True))
     whole = np.tensordot((alike * weight).sum((1, 2)) / weight.sum(), share, 1)
     trust = _NEARBY * total / (total + 0.02)  # nothing lies nearby: the whole photo tells
     return trust * near / np.maximum(total, 1e-6) + (1 - trust) * whole

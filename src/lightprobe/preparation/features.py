@@ -30,9 +30,7 @@ _PEAK = 0.0015  # contrast of a feature's blob, a quarter of COLMAP's: objects a
 _RATIO = 0.8  # the best match must be nearer than this times the second best (Lowe 2004)
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 MOST_LEARNED = 1024  # learned ones: matching takes a tenth of a second a pair, four times as long with 2048
-_LEARNED_SIDE = (
-    960  # pixels of the longer side that these are found in: of larger pictures they see too little at once
-)
+_LEARNED_SIDE = 960  # pixels of the longer side that these are found in: more shows them too little at once
 _MAGNIFY = 2.0  # at most, of a smaller picture: beyond, there is nothing new
 _LIKELY = 0.8  # cosine of learned descriptors that may be of one place
 _FEW_LEARNED = 512  # as the following
@@ -84,13 +82,14 @@ class Features:
     width: int  # of the working picture
     height: int
 
+    @property
+    def are_learned(self) -> bool:
+        """Tell learned features from SIFT's."""
+        return self.descriptors.dtype != np.uint8
+
     def select(self, chosen: np.ndarray) -> "Features":
         """Return the features at `chosen` (N,) bool or (K,) int."""
         return Features(self.points[chosen], self.descriptors[chosen], self.width, self.height)
-
-    def marked(self, points: np.ndarray) -> "Features":
-        """Return points (N, 2) of the same picture, without descriptors."""
-        return Features(points, np.zeros((len(points), 0), np.uint8), self.width, self.height)
 
 
 def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
@@ -150,7 +149,7 @@ def match(a: Features, b: Features) -> np.ndarray:
     """Return the matches (M, 2) uint32 of two photos: features that are clearly each other's nearest."""
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
-    if a.descriptors.dtype != np.uint8:
+    if a.are_learned:
         sizes = (a.width, a.height), (b.width, b.height)
         return learned.match((a.points, a.descriptors), (b.points, b.descriptors), *sizes)[0].astype(
             np.uint32
@@ -210,11 +209,7 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
     everything = [(i, j) for i in range(count) for j in range(i + 1, count)]
     if count <= 2 * PARTNERS:
         return everything
-    few = (
-        _FEW_LEARNED
-        if any(len(each.descriptors) and each.descriptors.dtype != np.uint8 for each in photos)
-        else _FEW
-    )
+    few = _FEW_LEARNED if any(each.are_learned for each in photos) else _FEW
     small = [features.select(np.arange(min(few, len(features.points)))) for features in photos]
     scores = np.zeros((count, count))
     for i, j in everything:
@@ -228,7 +223,7 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
 
 def _likely(a: Features, b: Features) -> np.ndarray:
     """Return matches (M, 2) that are found fast; many of the learned ones are wrong."""
-    if a.descriptors.dtype == np.uint8 or not len(a.points) or not len(b.points):
+    if not a.are_learned or not len(a.points) or not len(b.points):
         return match(a, b)
     scores = a.descriptors @ b.descriptors.T
     column = scores.argmax(1)

@@ -8,7 +8,13 @@ from lightprobe.preparation.features import Features
 from lightprobe.preparation.mapping import straightened
 from lightprobe.scene.camera import Camera
 
+_OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _WIDEST = 60.0  # degrees between viewing directions: beyond, hardly a match is right
+
+
+def match_tolerance(width: int, height: int) -> float:
+    """Return how many pixels a match that fits may lie off its epipolar line, in a picture of this size."""
+    return _OFF * max(width, height)
 
 
 def same_side(first: Camera, second: Camera) -> bool:

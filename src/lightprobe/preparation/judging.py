@@ -3,7 +3,7 @@
 Before a still background an object that is turned moves against everything else: the background then gives
 cameras without flaw, and wrong ones for the object. So the matches of two photos on the object are asked:
 which share of the matches that fit together in any way (some fundamental matrix) fits the cameras, within
-`_OFF` of the photo's side?
+`match_tolerance`?
 """
 
 from collections.abc import Mapping, Sequence
@@ -13,11 +13,9 @@ import numpy as np
 
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation.features import Features, moved, pycolmap_library
-from lightprobe.preparation.geometry import epipolar_distance, same_side
+from lightprobe.preparation.geometry import epipolar_distance, match_tolerance, same_side
 from lightprobe.preparation.mapping import Matches, Solution
-from lightprobe.scene.camera import Camera
 
-_OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _ENOUGH = 12  # matches of a pair on the object that say something
 _TRIALS = 10_000  # of a pair's geometry, as COLMAP has it for two views; more take seconds where few fit
 _MOST_PAIRS = 600  # pairs that are asked; the strongest
@@ -138,7 +136,10 @@ class ObjectMatches:
         for (i, j), rows in self.pairs.items():
             if i in cameras and j in cameras and same_side(cameras[i], cameras[j]):
                 off = epipolar_distance(self._photos, (i, j), rows, cameras, bends)
-                fits, total = fits + int((off < _allowed(cameras[i])).sum()), total + len(rows)
+                fits, total = (
+                    fits + int((off < match_tolerance(cameras[i].width, cameras[i].height)).sum()),
+                    total + len(rows),
+                )
         on_object = np.zeros(len(solution.points), bool)
         for photo in np.unique(solution.seen_by):
             mine = solution.seen_by == photo
@@ -156,21 +157,16 @@ def unexplained(photos: Sequence[Features], matches: Matches, solution: Solution
     for (i, j), rows in matches.items():
         if i in cameras and j in cameras and len(rows):
             off = epipolar_distance(photos, (i, j), rows, cameras, bends)
-            rows = rows[off > _allowed(cameras[i])]
+            rows = rows[off > match_tolerance(cameras[i].width, cameras[i].height)]
         left[i, j] = rows
     return left
-
-
-def _allowed(camera: Camera) -> float:
-    """Return how many pixels a match that fits may lie off its epipolar line."""
-    return _OFF * max(camera.width, camera.height)
 
 
 def _fitting(a: Features, b: Features, rows: np.ndarray, seed: int) -> np.ndarray:
     """Return which matches fit a fundamental matrix, (M,) bool."""
     pycolmap = pycolmap_library()
     options = pycolmap.RANSACOptions()
-    options.max_error, options.random_seed = _OFF * max(a.width, a.height), seed
+    options.max_error, options.random_seed = match_tolerance(a.width, a.height), seed
     options.max_num_trials = _TRIALS
     points = (each.points[rows[:, k]].astype(np.float64) for k, each in enumerate((a, b)))
     found = pycolmap.estimate_fundamental_matrix(*points, options)

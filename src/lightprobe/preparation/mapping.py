@@ -23,6 +23,7 @@ FEWEST_MATCHES = 15  # of a pair that may count
 _POINT, _MATCH = 40, 64  # bytes of a feature and of a match in all that is written, or a little less
 _FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
 _LARGEST_BEND = 0.6  # k beyond which no lens with a name is; what goes there has come apart
+_FLIP = np.diag([1.0, -1.0, -1.0, 1.0])  # between COLMAP's axes and OpenGL's
 _STOP = 1e-6  # relative change of the error that ends an adjustment
 _INIT_INLIERS, _INIT_DEGREES = 60, 8.0  # of the first pair: objects have fewer features than houses
 _POSE_INLIERS, _POSE_SHARE = 12, 0.1  # of a photo that is added: 20 and .2 added 24 of 40 turntable photos
@@ -185,10 +186,32 @@ def _write(
     database.close()
 
 
+def focal_length(told: float | None, size: tuple[int, int]) -> float:
+    """Return the focal length in pixels of a photo whose file tells it over the longer side, or does not."""
+    return (told or _FALLBACK_FOCAL) * max(size)
+
+
+def lens_camera(pycolmap: Any, focal: float, size: tuple[int, int]) -> Any:
+    """Return COLMAP's camera of a straight lens; focal length and (width, height) in pixels."""
+    return pycolmap.Camera.create_from_model_id(0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal, *size)
+
+
+def world_pose(matrix: np.ndarray) -> np.ndarray:
+    """Return camera to world (4, 4), OpenGL's axes, of COLMAP's world to camera (3, 4)."""
+    to_camera = np.eye(4)
+    to_camera[:3] = matrix
+    return np.linalg.inv(to_camera) @ _FLIP
+
+
+def from_world(pose: np.ndarray) -> np.ndarray:
+    """Return COLMAP's world to camera (3, 4) of camera to world (4, 4), OpenGL's axes: the inverse of `world_pose`."""
+    return np.linalg.inv(pose @ _FLIP)[:3]
+
+
 def _write_camera(pycolmap: Any, database: Any, size: tuple[int, int], told: float | None) -> int:
     """Write a camera, and the rig that COLMAP wants around it; return their number."""
-    focal = (told or _FALLBACK_FOCAL) * max(size)
-    camera = pycolmap.Camera.create_from_model_id(0, pycolmap.CameraModelId.SIMPLE_RADIAL, focal, *size)
+    focal = focal_length(told, size)
+    camera = lens_camera(pycolmap, focal, size)
     camera.has_prior_focal_length = told is not None
     camera.camera_id = database.write_camera(camera)
     rig = pycolmap.Rig()
@@ -204,9 +227,7 @@ def solution_of(model: Any) -> Solution:
     images = sorted(registered, key=lambda image: int(image.name))
     poses, lens, sizes = [], [], []
     for image in images:
-        to_camera = np.eye(4)
-        to_camera[:3] = image.cam_from_world().matrix()
-        poses.append(np.linalg.inv(to_camera) @ np.diag([1.0, -1.0, -1.0, 1.0]))
+        poses.append(world_pose(image.cam_from_world().matrix()))
         lens.append(image.camera.params)
         sizes.append((image.camera.width, image.camera.height))
     index = {number: int(model.image(number).name) for number in model.reg_image_ids()}

@@ -11,6 +11,7 @@ them apart.
 import numpy as np
 import scipy
 
+from lightprobe.preparation.colour_likelihood import colour_kinds, nearby
 from lightprobe.preparation.cutting import BACKGROUND, MAYBE_BACKGROUND, MAYBE_OBJECT, OBJECT, cut
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.mapping import Solution
@@ -18,7 +19,6 @@ from lightprobe.preparation.masks import View, away_from, seen_by
 
 _KINDS = 24  # of colours
 _SAMPLES = 4000  # pixels at least that these are found from, where there are as many
-_ROUNDS = 8  # of k-means
 _ALIKE = 14.0  # deviation of 8-bit CIELAB within which colours are the same
 _STRANGE = 0.135  # likeness to all kinds together, two deviations from one, below which a colour counts less
 _UNLIKELY = 0.01  # likeness of a colour that nothing nearby has
@@ -41,25 +41,13 @@ def likelier_inside(color: np.ndarray, inside: np.ndarray, outside: np.ndarray, 
     known = lab[inside | outside]
     if not inside.any() or not outside.any() or len(known) < _KINDS:
         return np.zeros(color.shape[:2], np.float32)
-    cv2.setRNGSeed(0)
-    end = cv2.TERM_CRITERIA_MAX_ITER, _ROUNDS, 0.0
-    some = known[:: max(1, len(known) // _SAMPLES)]
-    kinds = cv2.kmeans(some, _KINDS, None, end, 1, cv2.KMEANS_PP_CENTERS)[2]
-    alike = np.stack([_alike(lab, kind) for kind in kinds])
+    alike = np.stack([_alike(lab, kind) for kind in colour_kinds(known, _KINDS, _SAMPLES)])
     share = alike / np.maximum(alike.sum(0), _STRANGE)  # what is like none of them is undecided
-    height, width = color.shape[:2]
-    step = max(1, int(reach / 4))  # what is so smooth is found on a coarser grid
-    small = max(1, width // step), max(1, height // step)
-
-    def around(values: np.ndarray) -> np.ndarray:
-        coarse = cv2.resize(values, small, interpolation=cv2.INTER_AREA)
-        return cv2.resize(cv2.GaussianBlur(coarse, (0, 0), reach / step), (width, height))
-
-    logarithms, far = [], np.zeros((height, width), bool)
+    logarithms, far = [], np.zeros(color.shape[:2], bool)
     for side in (inside, outside):
         weight = side.astype(np.float32)
-        total = around(weight)
-        likeness = sum(part * around(each * weight) for part, each in zip(share, alike, strict=True))
+        total = nearby(weight, reach)
+        likeness = sum(part * nearby(each * weight, reach) for part, each in zip(share, alike, strict=True))
         logarithms.append(np.log(likeness / np.maximum(total, 1e-6) + _UNLIKELY))
         far |= total < 1e-3
     return cv2.GaussianBlur(np.where(far, 0.0, logarithms[0] - logarithms[1]), (0, 0), _SMOOTH)

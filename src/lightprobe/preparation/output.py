@@ -14,6 +14,7 @@ from lightprobe.imaging import gravity, resize_area
 from lightprobe.preparation import upright, writing
 from lightprobe.preparation.alignment import AGREEING
 from lightprobe.preparation.cache import HIDDEN, key_of
+from lightprobe.preparation.candidates import EXPLAINED
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
@@ -33,7 +34,6 @@ _FEWEST = 3  # photos with cameras that make a scene
 # Of the share of points that photos usually show where they should: below, a camera is doubtful; below the second, that
 # of a photo which is of no place.
 _UNSURE, _UNSURE_ALONE = 0.5, 0.75
-_EXPLAINED = 0.8  # of the matches on the object, below which all cameras are doubtful
 _IMAGES = "images.json"  # in the hidden folder: what the images were made of
 
 
@@ -263,7 +263,7 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
             "points where they should be."
         )
     explained = cutting.choice.kept.fit.explained
-    if explained < _EXPLAINED and cutting.choice.trap is None:
+    if explained < EXPLAINED and cutting.choice.trap is None:
         found.append(
             f"All cameras are doubtful: they explain {explained:.0%} of the matches on the object only. Take photos less "
             "than 20 degrees apart, or with more of what stands still in each place."

@@ -12,7 +12,7 @@ import numpy as np
 
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.mapping import Solution, bent
-from lightprobe.preparation.support_plane import SupportPlane
+from lightprobe.preparation.support_plane import PlaneChart, SupportPlane
 
 _CELLS = 128  # along an edge of a drawing
 _REACH = 2.5  # of the object's radius: from the drawing's middle to its edge
@@ -80,12 +80,9 @@ def _drawings(
     cv2 = opencv_library()
     middle = (np.quantile(points, 0.02, axis=0) + np.quantile(points, 0.98, axis=0)) / 2
     radius = float(np.quantile(np.linalg.norm(points - middle, axis=1), 0.95))
-    foot = middle - plane.height(middle) * plane.normal
-    across = np.cross(plane.normal, np.eye(3)[np.argmin(np.abs(plane.normal))])
-    across /= np.linalg.norm(across)
-    span = ((np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1) * _REACH * radius
-    places = foot + span[None, :, None] * across + span[:, None, None] * np.cross(plane.normal, across)
-    places = places.reshape(-1, 3)
+    chart = PlaneChart.around(plane, middle, _REACH * radius, _CELLS)
+    row, column = np.mgrid[:_CELLS, :_CELLS].reshape(2, -1, 1) + 0.5
+    places = chart.origin + column * chart.across + row * chart.along
 
     def smooth(values: np.ndarray) -> np.ndarray:
         return cv2.GaussianBlur(values, (0, 0), _FINE)

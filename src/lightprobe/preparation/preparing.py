@@ -69,27 +69,34 @@ def prepare(
         (output / HIDDEN).mkdir(parents=True, exist_ok=True)
     busy = f"{output} is being prepared by another process; wait for it to end."
     with locked_file(output / HIDDEN / _LOCK, busy):
-        report = finished(output, _key(photos, hints, asdict(options)))
+        given = _key(photos)
+        whole = key_of(given, _checksums(hints), asdict(options))
+        report = finished(output, whole)
         if report is None:
-            report = _work(photos, hints, options, output, on_progress)
+            report = _work(photos, hints, options, (given, whole), output, on_progress)
     return Prepared(output, report)
 
 
-def _key(photos: Sequence[SourcePhoto], hints: Mapping[int, np.ndarray], *more: object) -> str:
-    """Return the checksum of photos, their masks, hints (H, W) and whatever else decides about a step."""
-    told = [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
+def _key(photos: Sequence[SourcePhoto]) -> str:
+    """Return the checksum of photos, their masks, and what features are found by."""
     masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
-    return key_of([photo.checksum for photo in photos], masks, told, learned.is_installed(), *more)
+    return key_of([photo.checksum for photo in photos], masks, learned.is_installed())
+
+
+def _checksums(hints: Mapping[int, np.ndarray]) -> list[tuple[int, str]]:
+    """Return the checksum of each hint (H, W), with its photo."""
+    return [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
 
 
 def _work(
     photos: Sequence[SourcePhoto],
     hints: Mapping[int, np.ndarray],
     options: PrepareOptions,
+    keys: tuple[str, str],
     output: Path,
     on_progress: OnProgress,
 ) -> dict[str, Any]:
-    """Do what is left to do, and return what prepare.json holds.
+    """Do what is left to do, and return what prepare.json holds. keys: of the photos alone, and of all.
 
     Hints have a vote on cameras only where there are several reconstructions to choose from: otherwise they are
     about masks, and cameras stay as they were found.
@@ -114,13 +121,12 @@ def _work(
         on_progress("cameras: placing", 0, 1)
         return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
-    choice = kept_choice(cache, "cameras", _key(photos, {}, options.seed), lambda: cameras(given))
+    choice = kept_choice(cache, "cameras", key_of(keys[0], options.seed), lambda: cameras(given))
     if hints and len(choice.tried) > 1:
-        hinted = _key(photos, hints, options.seed)
+        hinted = key_of(keys[0], _checksums(hints), options.seed)
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
     cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
-    whole = _key(photos, hints, asdict(options))
-    return write_scene(output, photos, seen, matches, cutting, options, whole, on_progress)
+    return write_scene(output, photos, seen, matches, cutting, options, keys[1], on_progress)
 
 
 def check_output(output: Path) -> None:

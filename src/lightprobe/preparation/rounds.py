@@ -32,7 +32,13 @@ from lightprobe.preparation.openings import openings
 from lightprobe.preparation.options import Masker, PrepareOptions
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
-from lightprobe.preparation.support_plane import SupportPlane, above_planes, find_planes, shared_points
+from lightprobe.preparation.support_plane import (
+    SupportPlane,
+    above_planes,
+    common_plane,
+    find_planes,
+    shared_points,
+)
 from lightprobe.preparation.voxel_labelling import label_voxels
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera, Similarity
@@ -119,7 +125,7 @@ def cut_rounds(
 
 def _places(solution: Solution, pictures: Sequence[np.ndarray], on_object: np.ndarray) -> dict[int, int]:
     """Return the place of each photo where the object (P,) bool was carried from place to place, else nothing."""
-    plane = find_planes(solution, dict.fromkeys(solution.photo.tolist(), 0), on_object).get(0)
+    plane = common_plane(solution, on_object)
     if plane is None:
         return {}
     places = same_place(solution, pictures, plane, on_object)
@@ -140,10 +146,9 @@ def _label(
     shared = (labels == 1) & shared_points(solution, places)
     chosen = shared if shared.sum() >= FEWEST else labels == 1  # places whose photos do not match share none
     planes = find_planes(solution, places, chosen)
-    common = find_planes(solution, dict.fromkeys(places, 0), chosen).get(0)
-    if (
-        common is not None
-    ):  # in it the photos of a place look alike, which a few points of their own tell less surely
+    common = common_plane(solution, chosen)
+    if common is not None:
+        # In it the photos of a place look alike, which a few points of their own tell less surely.
         planes |= {place: common for place, photos in by_place(places).items() if len(photos) >= PLACE}
     labels = above_planes(solution, np.where(chosen, 1, np.minimum(labels, 0)).astype(np.int8), planes)
     found = label_voxels(

@@ -50,6 +50,27 @@ class SupportPlane:
         return SupportPlane(rotation @ self.normal, scale * self.offset)
 
 
+def common_plane(solution: Solution, on_object: np.ndarray, seed: int = 0) -> SupportPlane | None:
+    """Return the plane that the object stands on by the points of all photos together, None where none is found.
+
+    on_object (P,) bool, as for `find_planes`.
+    """
+    chosen = solution.points[on_object]
+    if len(chosen) < _FEWEST:
+        return None
+    near, radius = _around(solution, chosen)
+    rng = np.random.default_rng(seed)
+    found = _fit(solution.points[near], chosen, solution.pose[:, :3, 3], radius, rng)
+    return None if found is None else found[0]
+
+
+def _around(solution: Solution, chosen: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return which points lie around those `chosen` (K, 3), (P,) bool, and the radius of these."""
+    center = np.median(chosen, axis=0)
+    radius = float(np.quantile(np.linalg.norm(chosen - center, axis=1), 0.9))
+    return np.linalg.norm(solution.points - center, axis=1) < _NEAR * radius, radius
+
+
 def find_planes(
     solution: Solution, places: Mapping[int, int], on_object: np.ndarray, seed: int = 0
 ) -> dict[int, SupportPlane]:
@@ -61,9 +82,7 @@ def find_planes(
     chosen = solution.points[on_object]
     if len(chosen) < _FEWEST:
         return {}
-    center = np.median(chosen, axis=0)
-    radius = float(np.quantile(np.linalg.norm(chosen - center, axis=1), 0.9))
-    near = np.linalg.norm(solution.points - center, axis=1) < _NEAR * radius
+    near, radius = _around(solution, chosen)
     of_photo = np.array([places.get(int(photo), -1) for photo in solution.seen_by])
     which = sorted(set(places.values()))
     mine = {place: near & _seen(solution, of_photo == place) for place in which}
@@ -166,7 +185,7 @@ def _beneath(plane: SupportPlane, on_object: np.ndarray, eyes: np.ndarray, radiu
 
 
 @dataclass(frozen=True)
-class _Chart:
+class PlaneChart:
     """Coordinates on a plane: cell (row, column) shows origin + column across + row along."""
 
     origin: np.ndarray  # (3,)
@@ -174,13 +193,14 @@ class _Chart:
     along: np.ndarray  # (3,)
 
     @staticmethod
-    def around(plane: SupportPlane, center: np.ndarray, radius: float) -> "_Chart":
+    def around(plane: SupportPlane, center: np.ndarray, reach: float, cells: int) -> "PlaneChart":
+        """Return the chart of so many `cells` along an edge that reaches so far around a point (3,)."""
         across = np.cross(plane.normal, np.eye(3)[np.abs(plane.normal).argmin()])
         across /= np.linalg.norm(across)
         along = np.cross(plane.normal, across)
-        cell = 2 * _REACH * radius / _CELLS
+        cell = 2 * reach / cells
         foot = center - plane.height(center) * plane.normal
-        return _Chart(foot - _REACH * radius * (across + along), cell * across, cell * along)
+        return PlaneChart(foot - reach * (across + along), cell * across, cell * along)
 
     def to_pixels(self, camera: Camera) -> np.ndarray:
         """Return the homography (3, 3) from cells to pixels, both by their centres' indices."""
@@ -228,7 +248,7 @@ def expected_pictures(
     cv2 = opencv_library()
     if len(cameras) < _SEVERAL:
         return None
-    chart = _Chart.around(plane, center, radius)
+    chart = PlaneChart.around(plane, center, _REACH * radius, _CELLS)
     maps = [chart.to_pixels(camera) for camera in cameras]
     size, back = (_CELLS, _CELLS), cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     light, valid, sure = [], [], []

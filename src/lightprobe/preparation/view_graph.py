@@ -7,20 +7,17 @@ photos that a hypothesis puts side by side do not, this speaks against it. Group
 first, by the relative rotation with the most matches for it less the matches that it lacks.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation.features import Features, pycolmap_library
+from lightprobe.preparation.geometry import match_tolerance
+from lightprobe.preparation.mapping import FEWEST_MATCHES, Matches, Pair, focal_length, lens_camera
 
-Pair = tuple[int, int]
-Matches = Mapping[Pair, np.ndarray]
-FEWEST_MATCHES = 15  # of a pair that may count
-_OFF = 0.003  # of the longer side: distance from the epipolar line up to which a match fits
 _TRIALS = 2000  # of a pair's geometry
-_FALLBACK_FOCAL = 1.2  # in the longer side, where nothing tells: COLMAP's
 _AGREE = 12.0  # degrees between relative rotations that are the same: those of flat sides are no better
 _FADE = 30.0  # degrees between viewing directions over which matches become fewer, as exp(-(angle / this)^2)
 _EXPECTED = 0.35  # of the matches that a photo has with its best partners, below which a pair lacks some
@@ -69,21 +66,16 @@ def _edges(
 ) -> list[Edge]:
     """Return the pairs with a relative rotation and the matches that fit it."""
     pycolmap = pycolmap_library()
-    options = pycolmap.TwoViewGeometryOptions()
-    options.compute_relative_pose, options.ransac.random_seed = True, seed
-    options.ransac.max_num_trials = _TRIALS
-
-    def camera(photo: Features, ratio: float | None) -> object:
-        size = photo.width, photo.height
-        length = (ratio or _FALLBACK_FOCAL) * max(size)
-        return pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId.SIMPLE_RADIAL, length, *size)
-
-    cameras = [camera(photo, ratio) for photo, ratio in zip(photos, focal, strict=True)]
+    sizes = [(photo.width, photo.height) for photo in photos]
+    told = zip(focal, sizes, strict=True)
+    cameras = [lens_camera(pycolmap, focal_length(ratio, size), size) for ratio, size in told]
     points = [photo.points.astype(np.float64) for photo in photos]
 
     def edge(pair: Pair) -> Edge | None:
         i, j = pair
-        options.ransac.max_error = _OFF * max(photos[i].width, photos[i].height)
+        options = pycolmap.TwoViewGeometryOptions()  # of its own: pairs are looked at side by side
+        options.compute_relative_pose, options.ransac.random_seed = True, seed
+        options.ransac.max_num_trials, options.ransac.max_error = _TRIALS, match_tolerance(*sizes[i])
         found = pycolmap.estimate_calibrated_two_view_geometry(
             cameras[i], points[i], cameras[j], points[j], matches[pair].astype(np.uint32), options
         )
