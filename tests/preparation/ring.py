@@ -41,16 +41,23 @@ def photographed(cameras: list[Camera], points: np.ndarray) -> tuple[list[Featur
     features = [Features(place, none, SIZE, SIZE) for place in places]
     rows = np.repeat(np.arange(len(points), dtype=np.uint32)[:, None], 2, axis=1)
     pairs = {(i, i + 1): rows for i in range(len(cameras) - 1)}
-    count = len(cameras)
-    solution = Solution(
-        np.arange(count),
+    everything = np.tile(np.arange(len(points)), len(cameras))
+    photo = np.repeat(np.arange(len(cameras)), len(points))
+    return features, pairs, true_solution(cameras, points, photo, everything, everything)
+
+
+def true_solution(
+    cameras: list[Camera], points: np.ndarray, seen_by: np.ndarray, feature: np.ndarray, seen: np.ndarray
+) -> Solution:
+    """Return the solution of straight cameras, one a photo, and of points (P, 3) that are seen as told."""
+    return Solution(
+        np.arange(len(cameras)),
         np.stack([c.camera_to_world for c in cameras]),
-        np.tile([300.0, SIZE / 2, SIZE / 2, 0.0], (count, 1)),
-        np.full((count, 2), SIZE),
+        np.array([[c.fx, c.cx, c.cy, 0.0] for c in cameras]),
+        np.array([[c.width, c.height] for c in cameras]),
         points,
         np.full(len(points), 0.3),
-        np.repeat(np.arange(count), len(points)),
-        np.tile(np.arange(len(points)), count),
-        np.tile(np.arange(len(points)), count),
+        seen_by,
+        feature,
+        seen,
     )
-    return features, pairs, solution

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.masks import View
 from lightprobe.scene.camera import Camera
+from tests.preparation.ring import true_solution
 from tests.shapes import camera_at
 
 SIZE = 160
@@ -92,16 +92,5 @@ def world(places: int = 3, photos: int = 8, points: int = 60) -> tuple:
             views[index], at[index] = View(camera, noisy, None, False), place
             seen += [(index, point) for point in [*range(points), *range(first, first + len(space[-1]))]]
     everything, (photo, point) = np.concatenate(space), np.array(seen).T
-    count = len(cameras)
-    solution = Solution(
-        np.arange(count),
-        np.stack([camera.camera_to_world for camera in cameras]),
-        np.tile([220.0, SIZE / 2, SIZE / 2, 0.0], (count, 1)),
-        np.full((count, 2), SIZE),
-        everything,
-        np.full(len(everything), 0.3),
-        photo,
-        np.zeros(len(photo), np.int64),
-        point,
-    )
+    solution = true_solution(cameras, everything, photo, np.zeros(len(photo), np.int64), point)
     return views, truth, at, solution

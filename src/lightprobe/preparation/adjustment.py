@@ -145,6 +145,7 @@ def _adjusted(
         options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
         options.ceres.loss_function_scale = scale
         options.ceres.solver_options.max_num_iterations = _STEPS
+        options.ceres.solver_options.num_threads = 1  # equal seeds give equal cameras, as in `mapping`
         pycolmap.bundle_adjustment(model, options)
         pycolmap.ObservationManager(model).filter_all_points3D(error, _ANGLE)
     return solution_of(model)
