@@ -146,9 +146,20 @@ def _adjusted(
         options.ceres.loss_function_scale = scale
         options.ceres.solver_options.max_num_iterations = _STEPS
         options.ceres.solver_options.num_threads = 1  # equal seeds give equal cameras, as in `mapping`
-        pycolmap.bundle_adjustment(model, options)
+        _adjust(pycolmap, model, options)
         pycolmap.ObservationManager(model).filter_all_points3D(error, _ANGLE)
     return solution_of(model)
+
+
+def _adjust(pycolmap: Any, model: Any, options: Any) -> None:
+    """Adjust all cameras and points of COLMAP's model; its own function for that can't be silenced."""
+    pycolmap.ObservationManager(model).filter_observations_with_negative_depth()
+    config = pycolmap.BundleAdjustmentConfig()
+    for image in model.reg_image_ids():
+        config.add_image(image)
+    config.fix_gauge(pycolmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    pycolmap.create_default_bundle_adjuster(options, config, model).solve()
+    model.update_point_3d_errors()
 
 
 def _model(pycolmap: Any, places: Sequence[np.ndarray], solution: Solution) -> Any:
