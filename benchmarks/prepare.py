@@ -122,7 +122,7 @@ def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | Non
     seconds = time.monotonic() - start
     turned, moved = compare(written_cameras(scene), truth.cameras)
     overlaps = mask_overlaps(scene, truth.masks)
-    hull = report["mask_hull_iou_mean"]
+    hull = report["mask_agreement_mean"]
     return (
         f"| {name}, {'one mask' if hinted else 'bare'} | {report['registered']} of {report['total']} | "
         f"{np.median(turned):.2f} | {np.median(moved):.2f} | {overlaps.mean():.3f} | {overlaps.min():.3f} | "

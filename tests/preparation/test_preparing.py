@@ -13,9 +13,9 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.imaging import read_mask, write_png
 from lightprobe.preparation import PrepareOptions, prepare
-from lightprobe.preparation.masks import Cutout, View
+from lightprobe.preparation.masks import WRITTEN, Cutting
 from lightprobe.preparation.output import _lost, _warnings, finished, hint_overlaps
-from lightprobe.preparation.rounds import WRITTEN, Cutting
+from lightprobe.preparation.voxel_labelling import View
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
 from tests.preparation.ring import SIZE, ball_points, ring_cameras
@@ -152,7 +152,7 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution, share={}, agreement={}, fit=fit)
     choice = SimpleNamespace(kept=kept, trap=None)
     view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
-    cutting = Cutting(choice, {0: view, 1: view}, Cutout({}, {}, None, None), np.ones(5, np.int8))
+    cutting = Cutting(choice, {0: view, 1: view}, {}, {}, None)
     lost = _lost(photos, seen, {}, cutting)
     assert lost["2.png"].startswith("fits 1.png and 1 more, apart")
     assert lost["3.png"].startswith("fits 1.png and 1 more")  # the larger of its two
@@ -173,5 +173,5 @@ def test_a_found_mask_is_held_against_the_hint_that_it_came_from():
     }
     views[1] = View(views[1].camera, views[1].color, hint, False)
     views[2] = View(views[2].camera, views[2].color, hint, True)  # given, not found: nothing to compare
-    cutting = Cutting(None, views, Cutout(dict.fromkeys(views, found), {}, None, None), np.ones(3, np.int8))
+    cutting = Cutting(None, views, dict.fromkeys(views, found), {}, None)
     assert hint_overlaps(cutting) == {1: pytest.approx(0.5)}

@@ -44,7 +44,7 @@ def scene(tmp_path_factory):
     for name in ("a", "b"):
         write_png(folder / "images" / f"{name}.png", picture)
         write_png(folder / "masks" / f"{name}.png", (picture > 0).astype(np.float32), srgb=False)
-    report = {"mask_hull_iou": {"a": 0.95, "b": 0.6}, "warnings": ["1 masks disagree with the others."]}
+    report = {"mask_agreement": {"a": 0.95, "b": 0.6}, "warnings": ["1 masks disagree with the others."]}
     (folder / "prepare.json").write_text(json.dumps(report))
     return folder
 

@@ -18,7 +18,7 @@ from tests.web.answers import sentence
 def prepared(tmp_path):
     folder = tmp_path / "cup"
     write_png(folder / "images" / "a.png", np.full((30, 40, 3), 0.5, np.float32))
-    (folder / "prepare.json").write_text(json.dumps({"mask_hull_iou": {"a": 0.7}, "warnings": ["Look.", 7]}))
+    (folder / "prepare.json").write_text(json.dumps({"mask_agreement": {"a": 0.7}, "warnings": ["Look.", 7]}))
     return Sources.of([folder]).scenes[0]
 
 

@@ -10,7 +10,7 @@ from lightprobe.cli.options import Seed, option
 from lightprobe.cli.progress import Meter
 from lightprobe.core.errors import printable
 from lightprobe.core.files import shell_word
-from lightprobe.preparation import Masker, PrepareOptions
+from lightprobe.preparation import PrepareOptions
 from lightprobe.runs.preparing import prepare_scene
 
 _Photos = Annotated[
@@ -33,9 +33,6 @@ _UpPhoto = Annotated[str | None, option(metavar="PHOTO", help="A photo held leve
 _Height = Annotated[
     float | None, option(metavar="LENGTH", help="Height of the object, in the unit you want.")
 ]
-_Masker = Annotated[
-    Masker, option(help="graph-cut: colours and visual hull; rembg: a package that you installed.")
-]
 
 
 def prepare(
@@ -46,7 +43,6 @@ def prepare(
     up: _Up = None,
     up_photo: _UpPhoto = None,
     height: _Height = None,
-    masker: _Masker = Masker.GRAPH_CUT,
     seed: Seed = 0,
 ) -> None:
     """Find cameras, masks and an upright frame for a plain folder of photos or a video, and write a scene to
@@ -62,15 +58,15 @@ def prepare(
       lightprobe prepare photos/cup -o scenes/cup --hint IMG_12.jpg=cup.png --up-photo IMG_3.jpg --height 0.12
     """
     with Meter() as meter:
-        options = PrepareOptions(hint, up, up_photo, height, masker, seed)
+        options = PrepareOptions(hint, up, up_photo, height, seed)
         prepared = prepare_scene(photos, output, options, on_progress=meter.update)
     report = prepared.report
-    agreement = report["mask_hull_iou_mean"]
+    agreement = report["mask_agreement_mean"]
     lines = [
         f"photos   {report['registered']} of {report['total']} have cameras: {report['kept']['reconstruction']}",
-        f"masks    agree with their visual hull at IoU {agreement:.3f}"
+        f"masks    photos agree about the object at IoU {agreement:.3f}"
         if agreement is not None
-        else "masks    no hull",
+        else "masks    none",
         f"up       {report['up']}",
         f"look at  {output / 'contact.png'}",
         f"Next: lightprobe train {shell_word(output)} -o RUN",

@@ -133,7 +133,7 @@ class Locator:
         width, height = imaging.image_size(image)
         if focal is None:
             ratio = imaging.focal_ratio(image)
-            focal = None if ratio is None else ratio * max(width, height)
+            focal = None if ratio is None else self._finder.calibrated(ratio) * max(width, height)
         seen = color if given is None else color * given[..., None]
         small = imaging.shrink_area(seen, _SIDE)
         if min(small.shape[:2]) < _NARROWEST:

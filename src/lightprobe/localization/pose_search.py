@@ -36,6 +36,7 @@ _COPIES = 3  # of a symmetric object's turned poses that are followed to the end
 _HOPELESS = 0.8  # score below which nothing right was ever found further on
 _APART = 0.03  # poses that see the object this far apart, in its size, are two
 _FOCALS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.8, 2.4)  # tried, of the training photos', where none is known
+_SAME_LENS = 0.06  # difference of focal lengths: 26 mm of film are told of lenses from 25 to 27
 _POINTS = 400  # of the mesh, that poses are compared by
 _COARSE, _MIDDLE, _FINE, _FINEST = 40, 80, 130, 250  # pixels of the object's diameter to refine a pose at
 
@@ -58,6 +59,14 @@ class PoseFinder:
         vertices = known.mesh.vertices.cpu().double().numpy()
         self._points = vertices[:: max(1, len(vertices) // _POINTS)]
         self._turns = symmetric_turns(known.mesh)
+
+    def calibrated(self, told: float) -> float:
+        """Return a photo's focal length by what its file tells, both over the longer side.
+
+        Files tell whole millimetres of film, and of a lens whose picture was straightened or cropped: where the
+        training photos' cameras, found with their poses, have nearly the same, it is the same lens, and theirs.
+        """
+        return self._views.focal if abs(told / self._views.focal - 1) < _SAME_LENS else told
 
     def find(self, pyramid: PhotoPyramid, focal: float | None) -> list[FittedPose]:
         """Return the distinct poses that were followed to the end, best first; none where nothing was found.

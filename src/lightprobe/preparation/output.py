@@ -18,17 +18,17 @@ from lightprobe.preparation.candidates import EXPLAINED
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
+from lightprobe.preparation.masks import PLACE, WRITTEN, Cutting, written_masks
 from lightprobe.preparation.options import PrepareOptions, find_photo
 from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
 from lightprobe.preparation.places import by_place
-from lightprobe.preparation.rounds import PLACE, WRITTEN, Cutting, written_masks
 from lightprobe.preparation.upright import Up
 from lightprobe.preparation.writing import LOW_AGREEMENT, lost_cell, photo_cell, straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 
 _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
-_DOUBTFUL_HULL = 0.85  # mean IoU of masks and hull, likewise
+_DOUBTFUL_MASKS = 0.88  # mean agreement of photos about the object, likewise
 _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
 # Of the share of points that photos usually show where they should: below, a camera is doubtful; below the second, that
@@ -97,10 +97,7 @@ def _upright(
     """Return the solution with z up and in the user's unit, what was up, words on the scale, and the rotation."""
     solution = cutting.choice.kept.solution
     up = _find_up(photos, solution, options)
-    points = solution.points[cutting.labels == 1]
-    if cutting.cutout.hull is not None and cutting.cutout.similarity is not None:
-        hull = cutting.cutout.hull
-        points = cutting.cutout.similarity.invert(hull.centers(hull.occupancy))
+    points = cutting.hull.centers(cutting.hull.occupancy)
     factor, words = 1.0, "arbitrary: no photo tells how large things are; give --height"
     if options.height is not None:
         extent = upright.extent_along(points, up.direction)
@@ -223,7 +220,7 @@ def _lost(
 def _report(
     photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any], lost: Mapping[str, str]
 ) -> dict[str, Any]:
-    agreement = {photos[i].name: round(value, 4) for i, value in cutting.cutout.agreement.items()}
+    agreement = {photos[i].name: round(value, 4) for i, value in cutting.agreement.items()}
     mean = float(np.mean(list(agreement.values()))) if agreement else None
     kept = cutting.choice.kept
     return {
@@ -239,8 +236,8 @@ def _report(
         "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
-        "mask_hull_iou_mean": mean,
-        "mask_hull_iou": agreement,
+        "mask_agreement_mean": mean,
+        "mask_agreement": agreement,
         "hint_box_iou": {photos[i].name: round(value, 4) for i, value in hint_overlaps(cutting).items()},
         "up": up.source,
         **scale,
@@ -277,9 +274,10 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
             )
     if mean is None:
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
-    elif mean < _DOUBTFUL_HULL:
+    elif mean < _DOUBTFUL_MASKS:
         found.append(
-            f"Masks and visual hull agree at IoU {mean:.2f} only; look at contact.png before training."
+            f"The masks are doubtful: what single photos show of the object agrees with what all of them show at IoU "
+            f"{mean:.2f} only. Look at contact.png; a --hint tells what the object is."
         )
     for index, value in hint_overlaps(cutting).items():
         if value < _LOST_OF_HINT:
@@ -287,7 +285,7 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
                 f"In {photos[index].name} the mask that was found does not reach as far as the hint, or farther: the "
                 f"boxes around them have IoU {value:.2f}. A part may be wrong in all photos; look at contact.png."
             )
-    low = [photos[i].name for i, value in cutting.cutout.agreement.items() if value < LOW_AGREEMENT]
+    low = [photos[i].name for i, value in cutting.agreement.items() if value < LOW_AGREEMENT]
     if low and mean is not None:
         found.append(
             f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/."
@@ -338,9 +336,10 @@ def _boxed(mask: np.ndarray) -> np.ndarray:
 def _write_sheet(
     path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting, lost: Mapping[str, str]
 ) -> None:
+    doubtful_first = sorted(cutting.views, key=lambda i: cutting.agreement.get(i, 0.0) >= LOW_AGREEMENT)
     cells = [
-        photo_cell(photos[i].name, view.color, cutting.masks[i], cutting.cutout.agreement.get(i))
-        for i, view in cutting.views.items()
+        photo_cell(photos[i].name, cutting.views[i].color, cutting.masks[i], cutting.agreement.get(i))
+        for i in doubtful_first
     ]
     by_name = {photo.name: index for index, photo in enumerate(photos)}
     cells += [lost_cell(name, seen[by_name[name]].color, reason) for name, reason in lost.items()]

@@ -27,7 +27,7 @@ from lightprobe.scene.plain_photos import bright_level, list_photos
 
 FEWEST = 4  # photos from which shape can be found at all
 FEATURE_SIDE = 1600  # pixels of the longer side that features are found in: more costs time and brings few
-COLOR_SIDE = 320  # pixels of the longer side of the pictures that objects are cut out of
+COLOR_SIDE = 640  # pixels of the longer side of the pictures that objects are cut out of
 
 
 @dataclass(frozen=True)

@@ -15,14 +15,15 @@ from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
 from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
+from lightprobe.preparation.masks import cut_masks, own_masks
 from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
-from lightprobe.preparation.rounds import cut_rounds, own_masks
 from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
+_EDITION = 2  # raised when finished scenes would come out otherwise: the same command then makes them anew
 _LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 
@@ -70,7 +71,7 @@ def prepare(
     busy = f"{output} is being prepared by another process; wait for it to end."
     with locked_file(output / HIDDEN / _LOCK, busy):
         given = _key(photos)
-        whole = key_of(given, _checksums(hints), asdict(options))
+        whole = key_of(_EDITION, given, _checksums(hints), asdict(options))
         report = finished(output, whole)
         if report is None:
             report = _work(photos, hints, options, (given, whole), output, on_progress)
@@ -125,7 +126,7 @@ def _work(
     if hints and len(choice.tried) > 1:
         hinted = key_of(keys[0], _checksums(hints), options.seed)
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
-    cutting = cut_rounds(photos, seen, choice, known, set(given), own, options, on_progress)
+    cutting = cut_masks(photos, seen, choice, known, set(given), own, on_progress)
     return write_scene(output, photos, seen, matches, cutting, options, keys[1], on_progress)
 
 

@@ -22,7 +22,7 @@ from lightprobe.scene.overlay import Cell, contact_sheet, outline
 
 _LINE = (255, 60, 0)  # sRGB of the outline
 GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions
-LOW_AGREEMENT = 0.8  # IoU of mask and hull below which a mask is doubtful
+LOW_AGREEMENT = 0.85  # of a photo with all, below which its mask is doubtful: a third of these is wrong
 _SMALL_BEND = 0.5  # pixels up to which a photo is taken as it is
 _REACH = 2  # rows beside a place that interpolation looks at
 _CELL = 200  # pixels of a contact sheet's pictures
@@ -37,7 +37,7 @@ def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float | None) -> Cell:
-    """Return the cell of a photo (h, w, 3) uint8 with a camera, its mask (h, w) and its IoU with the hull."""
+    """Return the cell of a photo (h, w, 3) uint8 with a camera, its mask (h, w) and its agreement with all."""
     doubtful = agreement is None or agreement < LOW_AGREEMENT
     score = "" if agreement is None else f" {agreement:.2f}"
     return Cell(f"{name}{score}", outlined(color, mask), DOUBTFUL if doubtful else GOOD)

@@ -49,7 +49,7 @@ class SceneSource:
         """Return what the page lists: photos with the agreement of mask and hull, warnings, the drawn box."""
         report = read_json(self.folder / PREPARED) if self.prepared else {}
         report = report if isinstance(report, dict) else {}
-        agreement = report.get("mask_hull_iou")
+        agreement = report.get("mask_agreement")
         agreement = agreement if isinstance(agreement, dict) else {}
         return {
             "name": self.folder.resolve().name,

