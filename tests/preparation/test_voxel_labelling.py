@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from lightprobe.preparation.minimum_cut import minimum_cut
-from lightprobe.preparation.places import by_place
 from lightprobe.preparation.support_plane import common_plane
 from lightprobe.preparation.voxel_labelling import edge_cut, label_voxels, photo_evidence
 from lightprobe.scene.consistency import overlap
@@ -18,7 +17,7 @@ BOX = slice(0, 60)  # of the points
 
 @pytest.fixture(scope="module")
 def shoot():
-    return world()
+    return world(places=2, photos=6)
 
 
 def test_the_plane_is_the_table(shoot):
@@ -28,15 +27,15 @@ def test_the_plane_is_the_table(shoot):
     assert plane.offset == pytest.approx(-HALF[2], abs=1e-3)
 
 
-def test_no_plane_is_found_where_points_lie_anywhere():
-    _, _, _, solution = world(places=2, photos=3)
+def test_no_plane_is_found_where_points_lie_anywhere(shoot):
+    _, _, _, solution = shoot
     points = np.random.default_rng(1).normal(0, 1, solution.points.shape)
     assert common_plane(replace(solution, points=points), np.arange(len(points)) < 60) is None
 
 
 @pytest.mark.slow
 def test_the_box_is_cut_out_and_no_table_with_it(shoot):
-    views, truth, places, solution = shoot
+    views, truth, _, solution = shoot
     evidence = photo_evidence(views)
     found = label_voxels(views, evidence, solution.points[BOX])
     alone = [overlap(evidence[photo] > 0, truth[photo]) for photo in truth]
@@ -44,7 +43,6 @@ def test_the_box_is_cut_out_and_no_table_with_it(shoot):
     assert min(together) > 0.9
     assert np.mean(together) > np.mean(alone)
     assert np.mean(list(found.agreement.values())) > 0.85
-    assert sorted(by_place(places)) == [0, 1, 2]
 
 
 @pytest.mark.slow

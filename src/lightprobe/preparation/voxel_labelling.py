@@ -12,7 +12,7 @@ Cipolla 2010). Then the network looks closer, at details around the silhouettes,
 the others have it lose their weight. The masks are the silhouettes, with outlines that follow edges of the photo.
 """
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,11 +30,7 @@ from lightprobe.scene.hull import Hull, projection_matrix
 _RESOLUTION = 128  # voxels along an edge
 _GROWTH = 0.6  # of the points' extent: beyond the outermost points there are parts without features
 _TIGHT = 0.1  # of the object's size around the labels so far: finer voxels
-_AROUND_POINTS = 0.4  # margin of the first details, around points, which may not reach the object's end
-_DETAILS = (
-    0.25,
-    0.5,
-)  # margins of details around silhouettes: the network wants to see what surrounds the object
+_MARGIN = 0.35  # of a silhouette's longer side around it: the network wants to see what surrounds the object
 _AGAINST = 3.0  # most that one photo counts against a voxel
 _SHOWS, _SHOWS_DEEP = 0.5, 0.999  # r at and outside the silhouette, and deep inside it
 _DEEP = 0.04  # of the silhouette's size: half as deep r begins to rise, and is _SHOWS_DEEP
@@ -48,23 +44,16 @@ _SEEN = 0.1  # of the photos must see a voxel
 _OUTSIDE = 0.02  # of the longer side: this far outside of masks that the user gave is no object
 _FEW_OUTSIDE = 0.1  # of the given masks may err
 _BOX = 0.98  # of the box around a hint, from which it is a box
-_SPECK = (
-    0.001  # of the largest piece: smaller ones are noise; the ball on an aerial too thin to see is larger
-)
-_NO_WEIGHT, _FULL_WEIGHT = (
-    0.5,
-    0.8,
-)  # IoU with the silhouette up to which a photo has hardly any vote, and from which
+_SPECK = 0.001  # of the largest piece: smaller ones are noise; a ball on an aerial too thin to see is larger
+_NO_WEIGHT = 0.5  # IoU with the silhouette up to which a photo hardly counts,
+_FULL_WEIGHT = 0.8  # and from which it counts
 _LEAST_WEIGHT = 0.05
 _EDGE_STEPS = 80  # of the cut in a photo
 _EDGE = 4.0  # cost of a pixel's side along the outline where colours are even
 _CONTRAST = 8.0  # 8-bit CIELAB: difference between neighbours where an outline costs half as much
 _FREE = 0.1  # of that cost remains at a strong edge
 _SLOPE = 0.5  # logarithm by which a pixel is likelier inside for each pixel to the volume's outline
-_FAR, _BOUND = (
-    6.0,
-    3.0,
-)  # logarithms that the outline is worth at most: far outside, and inside, where it may bulge
+_FAR, _BOUND = 6.0, 3.0  # logarithms that the outline is worth at most, outside and inside
 _WIDER = 0.5  # pixels by which silhouettes are too wide
 
 
@@ -131,7 +120,7 @@ def _whole(view: View) -> np.ndarray:
     if view.given is None:
         return log_odds(view.color)
     if not view.fixed and _is_box(view.given):  # a hint that tells where the object ends, but not what it is
-        inside = log_odds_in(view.color, _box_of_mask(view.given), _DETAILS[0])
+        inside = log_odds_in(view.color, _box_of_mask(view.given), _MARGIN)
         return np.where(view.given, inside, -CERTAIN).astype(np.float32)
     return np.where(view.given, CERTAIN, -CERTAIN).astype(np.float32)
 
@@ -145,13 +134,11 @@ class _Volume:
     """Voxels, labelled in rounds."""
 
     def __init__(self, views: Mapping[int, View], evidence: Mapping[int, np.ndarray], points: np.ndarray):
-        self._views, self._whole = views, evidence
+        self._views, self.evidence = views, dict(evidence)
         self.shapes: dict[int, np.ndarray] = {}
         low, high = np.quantile(points, 0.02, axis=0), np.quantile(points, 0.98, axis=0)
         margin = _GROWTH * (high - low).max()
         self._enclose(low - margin, high + margin)
-        boxes = {photo: _box_of_points(view.camera, points) for photo, view in views.items()}
-        self.evidence = self._with_details(boxes, (_AROUND_POINTS,))
 
     def _enclose(self, low: np.ndarray, high: np.ndarray) -> None:
         """Begin a grid of empty voxels in the box low..high (3,)."""
@@ -184,21 +171,15 @@ class _Volume:
         self.hull = replace(self.hull, occupancy=before.occupancy[tuple(np.moveaxis(cell, -1, 0))])
 
     def look_closer(self) -> None:
-        """Find the evidence anew by details around the silhouettes."""
-        boxes = {photo: _box_of_mask(shape) for photo, shape in self.shapes.items() if shape.any()}
-        self.evidence = self._with_details(boxes, _DETAILS)
-
-    def _with_details(self, boxes: Mapping[int, Box], margins: Iterable[float]) -> dict[int, np.ndarray]:
-        """Return the mean of what whole photos and details around `boxes` say, L (h, w) by photo."""
+        """Add to the evidence what details around the silhouettes show."""
 
         def work(photo: int) -> np.ndarray:
-            view, whole = self._views[photo], self._whole[photo]
-            if view.given is not None or photo not in boxes:
+            view, whole, shape = self._views[photo], self.evidence[photo], self.shapes[photo]
+            if view.given is not None or not shape.any():
                 return whole
-            details = [log_odds_in(view.color, boxes[photo], margin) for margin in margins]
-            return np.mean([whole, *details], axis=0)
+            return (whole + log_odds_in(view.color, _box_of_mask(shape), _MARGIN)) / 2
 
-        return dict(zip(self._views, in_threads(work, self._views), strict=True))
+        self.evidence = dict(zip(self._views, in_threads(work, self._views), strict=True))
 
     def label(self) -> None:
         """Label the voxels anew."""
@@ -285,15 +266,6 @@ def _box_of_mask(mask: np.ndarray) -> Box:
     """Return the box around a mask (h, w) bool that is not empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return float(columns[0]), float(columns[-1] + 1), float(rows[0]), float(rows[-1] + 1)
-
-
-def _box_of_points(camera: Camera, points: np.ndarray) -> Box:
-    """Return the box around most points (P, 3) in a photo; the whole photo where they do not show."""
-    shown, rows, columns = in_frame(camera, points)
-    if not shown.any():
-        return 0.0, float(camera.width), 0.0, float(camera.height)
-    ends = [np.quantile(values, (0.01, 0.99)) for values in (columns, rows)]
-    return float(ends[0][0]), float(ends[0][1]), float(ends[1][0]), float(ends[1][1])
 
 
 def _main_pieces(occupied: np.ndarray) -> np.ndarray:
