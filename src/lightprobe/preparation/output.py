@@ -28,7 +28,7 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 
 _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
-_DOUBTFUL_MASKS = 0.88  # mean agreement of photos about the object, likewise
+_DOUBTFUL_MASKS = 0.86  # mean agreement of photos about the object, likewise
 _LOST_OF_HINT = 0.8  # IoU of the boxes around hint and mask below which a part of the object is lost
 _FEWEST = 3  # photos with cameras that make a scene
 # Of the share of points that photos usually show where they should: below, a camera is doubtful; below the second, that
