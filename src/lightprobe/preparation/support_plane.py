@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightprobe.preparation.mapping import Solution
-from lightprobe.scene.camera import Camera
 
 _NEAR = 3.0  # radii around the object's points within which its support shows
 _THIN = 0.015  # of the object's radius: distance from a plane up to which a point lies on it
@@ -123,15 +122,3 @@ class PlaneChart:
         cell = 2 * reach / cells
         foot = center - plane.height(center) * plane.normal
         return PlaneChart(foot - reach * (across + along), cell * across, cell * along)
-
-    def to_pixels(self, camera: Camera) -> np.ndarray:
-        """Return the homography (3, 3) from cells to pixels, both by their centres' indices."""
-        right, up, back = camera.camera_to_world[:3, :3].T
-        rows = np.stack(
-            [
-                camera.fx * right - (camera.cx - 0.5) * back,
-                -camera.fy * up - (camera.cy - 0.5) * back,
-                -back,
-            ]
-        )
-        return rows @ np.stack([self.across, self.along, self.origin - camera.position], axis=1)
