@@ -19,7 +19,7 @@ from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
 from lightprobe.preparation.support_plane import SupportPlane, common_plane
-from lightprobe.preparation.voxel_labelling import View, in_frame, label_voxels, photo_evidence
+from lightprobe.preparation.voxel_labelling import View, away, label_voxels, photo_evidence
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
@@ -98,10 +98,9 @@ def object_points(
     """
     total, outside = np.zeros(len(solution.points)), np.zeros(len(solution.points), bool)
     for photo, view in views.items():
-        shown, rows, columns = in_frame(view.camera, solution.points)
+        shown, rows, columns = _in_frame(view.camera, solution.points)
         if view.given is not None:
-            away = scipy.ndimage.distance_transform_edt(~view.given)
-            outside[shown] |= away[rows, columns] > _NEAR * max(view.given.shape)
+            outside[shown] |= away(view.given)[rows, columns] > _NEAR * max(view.given.shape)
         values = np.zeros(len(solution.points))
         values[shown] = evidence[photo][rows, columns]
         mine = solution.seen[solution.seen_by == photo]
@@ -112,8 +111,15 @@ def object_points(
             "No points of the object were found: give a mask or a box of it in one photo that shows it well, "
             "with --hint PHOTO=MASK.png or --hint PHOTO=x0,y0,x1,y1."
         )
-    away = np.linalg.norm(solution.points - np.median(solution.points[chosen], axis=0), axis=1)
-    return chosen & (away < _REACH * np.quantile(away[chosen], 0.9))
+    distance = np.linalg.norm(solution.points - np.median(solution.points[chosen], axis=0), axis=1)
+    return chosen & (distance < _REACH * np.quantile(distance[chosen], 0.9))
+
+
+def _in_frame(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which points (P, 3) a camera's frame has, (P,) bool, and the rows and columns (K,) of these."""
+    x, y, depth = camera.project(points).T
+    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
+    return visible, y[visible].astype(int), x[visible].astype(int)
 
 
 def _inside(hull: Hull, points: np.ndarray) -> np.ndarray:

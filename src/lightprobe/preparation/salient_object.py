@@ -44,7 +44,8 @@ def log_odds(color: np.ndarray) -> np.ndarray:
 def log_odds_in(color: np.ndarray, box: Box, margin: float) -> np.ndarray:
     """Return the same, (h, w) float32, by a square detail around a box; outside of it nothing is the object.
 
-    color: (h, w, 3) uint8 sRGB, the whole photo. margin: on each side, of the box's longer side. Objects that fill the picture are cut finer.
+    color: (h, w, 3) uint8 sRGB, the whole photo. margin: on each side, of the box's longer side. Objects that fill
+    the picture are cut finer.
     """
     height, width = color.shape[:2]
     left, right, top, bottom = box

@@ -46,8 +46,7 @@ def common_plane(solution: Solution, on_object: np.ndarray, seed: int = 0) -> Su
         return None
     near, radius = _around(solution, chosen)
     rng = np.random.default_rng(seed)
-    found = _fit(solution.points[near], chosen, solution.pose[:, :3, 3], radius, rng)
-    return None if found is None else found[0]
+    return _fit(solution.points[near], chosen, solution.pose[:, :3, 3], radius, rng)
 
 
 def _around(solution: Solution, chosen: np.ndarray) -> tuple[np.ndarray, float]:
@@ -59,8 +58,8 @@ def _around(solution: Solution, chosen: np.ndarray) -> tuple[np.ndarray, float]:
 
 def _fit(
     points: np.ndarray, on_object: np.ndarray, eyes: np.ndarray, radius: float, rng: np.random.Generator
-) -> tuple[SupportPlane, int] | None:
-    """Return the plane that most `points` (K, 3) lie on, with object and cameras above it, and their number."""
+) -> SupportPlane | None:
+    """Return the plane that most `points` (K, 3) lie on, with object and cameras above it."""
     if len(points) < _FEWEST:
         return None
     thin, best, most = _THIN * radius, None, 0.0
@@ -82,7 +81,7 @@ def _fit(
         normal = np.linalg.svd(inliers - middle, full_matrices=False)[2][2]
         normal = normal if normal @ best.normal > 0 else -normal
         best = SupportPlane(normal, float(normal @ middle))
-    return best, len(inliers)
+    return best
 
 
 def _through(three: np.ndarray, eyes: np.ndarray) -> SupportPlane | None:

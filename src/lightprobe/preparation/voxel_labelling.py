@@ -149,14 +149,12 @@ class _Volume:
 
     def _beside_given(self) -> np.ndarray:
         """Return the voxels that lie outside of masks that the user gave, (N, N, N) bool."""
-        centers = self.hull.centers(~self.hull.occupancy)
-        outside, framed = np.zeros((2, len(centers)), int)
-        for view in self._views.values():
-            if view.given is not None:
-                shown, rows, columns = in_frame(view.camera, centers)
-                framed += shown
-                outside[shown] += (_away(view.given) > _OUTSIDE * max(view.given.shape))[rows, columns]
-        return (outside > _FEW_OUTSIDE * framed).reshape((_RESOLUTION,) * 3)
+        given = {photo: view.given for photo, view in self._views.items() if view.given is not None}
+        if not given:
+            return np.zeros((_RESOLUTION,) * 3, bool)
+        far = {i: (away(mask) > _OUTSIDE * max(mask.shape)).astype(np.int8) for i, mask in given.items()}
+        outside, framed = self._sums(far)
+        return outside > _FEW_OUTSIDE * framed
 
     def tighten(self) -> None:
         """Begin finer voxels around those that are labelled, with their labels."""
@@ -195,15 +193,17 @@ class _Volume:
 
     def _votes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the sum of votes for each voxel and the number of photos that see it, (N, N, N) both."""
-        projections = np.stack([projection_matrix(view.camera) for view in self._views.values()])
-        ballots = [self._ballots(photo) for photo in self._views]
-        sizes = np.array([each.shape for each in ballots], np.int64)
-        starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
-        cast = np.concatenate([each.ravel() for each in ballots])
-        votes, seen = vote_on_voxels(
-            projections, sizes, starts, cast, self.hull.lo, self.hull.voxel, _RESOLUTION
-        )
+        votes, seen = self._sums({photo: self._ballots(photo) for photo in self._views})
         return votes / _SCALE, seen
+
+    def _sums(self, ballots: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Return the sum of ballots (h, w) int8, by photo, for each voxel, and how many see it: (N, N, N) both."""
+        projections = np.stack([projection_matrix(self._views[photo].camera) for photo in ballots])
+        sizes = np.array([each.shape for each in ballots.values()], np.int64)
+        starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
+        cast = np.concatenate([each.ravel() for each in ballots.values()])
+        grid = self.hull.lo, self.hull.voxel, _RESOLUTION
+        return vote_on_voxels(projections, sizes, starts, cast, *grid)
 
     def _ballots(self, photo: int) -> np.ndarray:
         """Return a photo's votes (h, w) int8."""
@@ -242,7 +242,7 @@ def edge_cut(color: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> np.n
     if not shape.any():
         return shape
     lab = opencv_library().cvtColor(color, opencv_library().COLOR_RGB2LAB).astype(np.float32)
-    distance = np.where(shape, _depth(shape) - 0.5, 0.5 - _away(shape)) - _WIDER
+    distance = np.where(shape, _depth(shape) - 0.5, 0.5 - away(shape)) - _WIDER
     evidence = evidence + np.clip(_SLOPE * distance, -_FAR, _BOUND)
     down, right = np.zeros(shape.shape), np.zeros(shape.shape)
     down[:-1], right[:, :-1] = (np.diff(lab, axis=0) ** 2).sum(-1), (np.diff(lab, axis=1) ** 2).sum(-1)
@@ -254,13 +254,6 @@ def edge_cut(color: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> np.n
     return mask | (
         scipy.ndimage.binary_fill_holes(mask) & shape
     )  # what the volume fills is a spot, no opening
-
-
-def in_frame(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points (P, 3) a camera's frame has, (P,) bool, and the rows and columns (K,) of these."""
-    x, y, depth = camera.project(points).T
-    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    return visible, y[visible].astype(int), x[visible].astype(int)
 
 
 def _box_of_mask(mask: np.ndarray) -> Box:
@@ -287,6 +280,6 @@ def _depth(mask: np.ndarray) -> np.ndarray:
     return scipy.ndimage.distance_transform_edt(padded)[tuple(slice(1, -1) for _ in mask.shape)]
 
 
-def _away(mask: np.ndarray) -> np.ndarray:
+def away(mask: np.ndarray) -> np.ndarray:
     """Return how far outside of `mask` cells lie, of any shape; infinite where it is empty."""
     return scipy.ndimage.distance_transform_edt(~mask) if mask.any() else np.full(mask.shape, np.inf)
