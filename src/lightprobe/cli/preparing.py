@@ -61,12 +61,9 @@ def prepare(
         options = PrepareOptions(hint, up, up_photo, height, seed)
         prepared = prepare_scene(photos, output, options, on_progress=meter.update)
     report = prepared.report
-    agreement = report["mask_agreement_mean"]
     lines = [
         f"photos   {report['registered']} of {report['total']} have cameras: {report['kept']['reconstruction']}",
-        f"masks    photos agree about the object at IoU {agreement:.3f}"
-        if agreement is not None
-        else "masks    none",
+        f"masks    photos agree about the object at IoU {report['mask_agreement_mean']:.3f}",
         f"up       {report['up']}",
         f"look at  {output / 'contact.png'}",
         f"Next: lightprobe train {shell_word(output)} -o RUN",

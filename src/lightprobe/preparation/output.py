@@ -221,7 +221,7 @@ def _report(
     photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any], lost: Mapping[str, str]
 ) -> dict[str, Any]:
     agreement = {photos[i].name: round(value, 4) for i, value in cutting.agreement.items()}
-    mean = float(np.mean(list(agreement.values()))) if agreement else None
+    mean = float(np.mean(list(agreement.values())))
     kept = cutting.choice.kept
     return {
         "registered": len(cutting.views),
@@ -246,7 +246,7 @@ def _report(
     }
 
 
-def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: float | None) -> list[str]:
+def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: float) -> list[str]:
     """Return the sentences about what may be wrong."""
     found = [sentence for sentence in (cutting.choice.trap, up.doubt) if sentence]
     if len(cutting.views) < _FEW_REGISTERED * len(photos):
@@ -272,7 +272,7 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
                 f"{len(lost)} photos, such as {lost[0]}, fit together but not with those that have cameras: take "
                 "photos between the two, or prepare these by themselves."
             )
-    if mean is None:
+    if mean == 0:  # no voxel is the object's
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
     elif mean < _DOUBTFUL_MASKS:
         found.append(
@@ -286,7 +286,7 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, mean: flo
                 f"boxes around them have IoU {value:.2f}. A part may be wrong in all photos; look at contact.png."
             )
     low = [photos[i].name for i, value in cutting.agreement.items() if value < LOW_AGREEMENT]
-    if low and mean is not None:
+    if low and mean > 0:
         found.append(
             f"{len(low)} masks disagree with the others, such as that of {low[0]}; correct them in masks/."
         )
@@ -336,9 +336,9 @@ def _boxed(mask: np.ndarray) -> np.ndarray:
 def _write_sheet(
     path: Path, photos: Sequence[SourcePhoto], seen: Sequence[Seen], cutting: Cutting, lost: Mapping[str, str]
 ) -> None:
-    doubtful_first = sorted(cutting.views, key=lambda i: cutting.agreement.get(i, 0.0) >= LOW_AGREEMENT)
+    doubtful_first = sorted(cutting.views, key=lambda i: cutting.agreement[i] >= LOW_AGREEMENT)
     cells = [
-        photo_cell(photos[i].name, cutting.views[i].color, cutting.masks[i], cutting.agreement.get(i))
+        photo_cell(photos[i].name, cutting.views[i].color, cutting.masks[i], cutting.agreement[i])
         for i in doubtful_first
     ]
     by_name = {photo.name: index for index, photo in enumerate(photos)}

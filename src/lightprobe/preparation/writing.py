@@ -36,11 +36,10 @@ def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return picture
 
 
-def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float | None) -> Cell:
+def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float) -> Cell:
     """Return the cell of a photo (h, w, 3) uint8 with a camera, its mask (h, w) and its agreement with all."""
-    doubtful = agreement is None or agreement < LOW_AGREEMENT
-    score = "" if agreement is None else f" {agreement:.2f}"
-    return Cell(f"{name}{score}", outlined(color, mask), DOUBTFUL if doubtful else GOOD)
+    kind = DOUBTFUL if agreement < LOW_AGREEMENT else GOOD
+    return Cell(f"{name} {agreement:.2f}", outlined(color, mask), kind)
 
 
 def lost_cell(name: str, color: np.ndarray, reason: str) -> Cell:
