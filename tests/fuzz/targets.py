@@ -180,7 +180,9 @@ def _run(root: Path) -> None:
     )
     Checkpoints(run.path / "checkpoints").save(5, {"a": torch.ones(3)}, {"losses": [1.0, 2.0]})
     tensors = {
-        "descriptor": torch.zeros(3, 128, dtype=torch.uint8),
+        "descriptor": torch.zeros(3, 64).half(),
+        "place": torch.ones(3, 2),
+        "size": torch.tensor([[640, 480], [640, 480]], dtype=torch.int32),
         "point": torch.rand(3, 3),
         "side": torch.eye(3)[:2],
         "photo": torch.tensor([0, 0, 1], dtype=torch.int32),

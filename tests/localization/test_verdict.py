@@ -7,7 +7,7 @@ import pytest
 from lightprobe.localization.verdict import PoseStatus, PoseVerdict, rival_scores
 
 FINE = PoseVerdict(
-    score=2.5, explained=0.9, edges=0.7, inside=1.0, inliers=30, rivals=0, pose_uncertainty=0.006
+    score=2.5, explained=0.9, edges=0.7, agreed=0.4, inside=1.0, rivals=0, pose_uncertainty=0.006
 )
 
 

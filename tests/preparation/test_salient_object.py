@@ -9,7 +9,7 @@ import pytest
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.preparation import salient_object
-from lightprobe.preparation.salient_object import CERTAIN, log_odds, log_odds_in
+from lightprobe.preparation.salient_object import CERTAIN, log_odds
 from lightprobe.scene.consistency import overlap
 
 pytest.importorskip("cv2")
@@ -43,14 +43,14 @@ def test_a_ball_on_a_table_is_found():
 
 def test_a_detail_is_cut_as_well_and_nothing_shows_outside_of_it():
     color, mask = picture()
-    found = log_odds_in(color, (90, 210, 70, 190), 0.25)
+    found = log_odds(color, (60.0, 240.0, 40.0, 220.0))
     assert overlap(found > 0, mask) > 0.9
     assert (found[:30] == -CERTAIN).all()
-    assert (found[:, 245:] == -CERTAIN).all()
+    assert (found[:, 240:] == -CERTAIN).all()
 
 
 def test_a_box_beside_the_photo_shows_nothing():
-    assert (log_odds_in(picture()[0], (900, 990, 700, 790), 0.1) < 0).all()
+    assert (log_odds(picture()[0], (900.0, 990.0, 700.0, 790.0)) < 0).all()
 
 
 @pytest.mark.usefixtures("forgotten")

@@ -105,7 +105,7 @@ class Locator:
         """Return the locator of a run folder whose Phase I has finished.
 
         A run that has no views yet gets them from its scene's photos. Raises `InputError` when these are gone
-        or the run has no object, `ConfigError` without OpenCV.
+        or the run has no object, `ConfigError` without the extra `photos`.
         """
         folder = RunFolder.open(Path(run))
         decomposition = Decomposition.load(folder, device or torch.device("cpu"), calibrated=False)
@@ -121,10 +121,7 @@ class Locator:
         own. focal: focal length in pixels; by default the EXIF's, or it is found with the pose. Raises
         `InputError` when the photo cannot be read or the object is not found in it.
         """
-        with _one_torch_thread():
-            return self._locate(Path(image), None if mask is None else Path(mask), focal)
-
-    def _locate(self, image: Path, mask: Path | None, focal: float | None) -> Located:
+        image, mask = Path(image), None if mask is None else Path(mask)
         begin = time.perf_counter()
         color, given, clipped = _read(image, mask)
         for is_so, word in ((color.max() <= _BLACK, "black"), (clipped.mean() >= _WHITE, "white")):
@@ -141,7 +138,9 @@ class Locator:
                 f"{image} has {width} x {height} pixels, too narrow a strip to find the object in."
             )
         pyramid, scale = PhotoPyramid(small), max(small.shape[:2]) / max(width, height)
-        found = self._finder.find(pyramid, None if focal is None else focal * scale)
+        matches = self._finder.matches(pyramid)
+        with _one_torch_thread():
+            found = self._finder.find(pyramid, matches, None if focal is None else focal * scale)
         if not found:
             raise InputError(
                 f"{image}: nothing in this photo looks like the object; give its camera with --camera."
@@ -155,8 +154,8 @@ class Locator:
             best.fit.score,
             best.fit.explained,
             best.fit.edges,
+            best.fit.agreed,
             self._known.inside_share(camera),
-            best.inliers,
             rival_scores([pose.fit.score for pose in found]),
             uncertainty,
         )

@@ -5,8 +5,8 @@
           -> the best ones moved a little at random, and refined again
     the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit as well
 
-Every pose is judged by the same two things: how much of the photo light explains on the object at that pose,
-and whether the photo's edges run where the object's outline does (`refinement.Fit`).
+Every pose is judged by the same things: how much of the photo light explains on the object at that pose, whether the
+photo's edges run where the object's outline does, and how many matched features agree (`refinement.Fit`).
 """
 
 import itertools
@@ -19,7 +19,7 @@ import torch
 from lightprobe.core.device import generator
 from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.known_object import KnownObject
-from lightprobe.localization.matching import find_features, matched_poses
+from lightprobe.localization.matching import Matches, find_features, match_landmarks, matched_poses
 from lightprobe.localization.pose import PARAMETERS, mean_distance, moved, symmetric_turns
 from lightprobe.localization.refinement import Fit, pose_uncertainty, refine
 from lightprobe.localization.templates import detected_camera, search
@@ -27,7 +27,7 @@ from lightprobe.localization.verdict import GOOD_SCORE, RIVAL
 from lightprobe.localization.views import KnownViews
 from lightprobe.scene.camera import Camera
 
-_FEATURES = 800  # of a photo, the strongest
+_FEATURES = 1024  # of a photo, the likeliest
 _MATCHED = 4  # poses from matches that are looked at
 _BATCHES = (0, 16, 48)  # detections of a search that are refined at first, and if nothing good comes out
 _SHAKES, _SHAKEN = 8, 2  # random moves of each of so many of the best poses, if nothing good has come out
@@ -47,7 +47,16 @@ class FittedPose:
 
     camera: Camera  # normalised frame
     fit: Fit
-    inliers: int = 0  # matches that led to it
+
+
+@dataclass(frozen=True)
+class _Photo:
+    """What poses are sought by in one photo."""
+
+    pyramid: PhotoPyramid
+    matches: Matches
+    focal: float  # in pixels, usual for the object's photos where `free`
+    free: bool  # the focal length is unknown
 
 
 class PoseFinder:
@@ -68,94 +77,105 @@ class PoseFinder:
         """
         return self._views.focal if abs(told / self._views.focal - 1) < _SAME_LENS else told
 
-    def find(self, pyramid: PhotoPyramid, focal: float | None) -> list[FittedPose]:
+    def matches(self, pyramid: PhotoPyramid) -> Matches:
+        """Return the matches of a photo with the training photos, for `find`."""
+        return match_landmarks(find_features(pyramid.color, _FEATURES), self._views.landmarks)
+
+    def find(self, pyramid: PhotoPyramid, matches: Matches, focal: float | None) -> list[FittedPose]:
         """Return the distinct poses that were followed to the end, best first; none where nothing was found.
 
         focal: in pixels of the photo; if None it is found as well.
         """
-        free = focal is None
         usual = focal or self._views.focal * max(pyramid.size)
-        found = self._matched(pyramid, usual, free)
+        photo = _Photo(pyramid, matches, usual, focal is None)
+        found = self._matched(photo)
         if not _settled(found):
-            found = self._ordered(found + self._searched(pyramid, usual, free))
+            found = self._ordered(found + self._searched(photo))
         if found and not _settled(found) and found[0].fit.score >= _HOPELESS:
-            found = self._ordered(found + self._shaken(pyramid, found[:_SHAKEN], free))
+            found = self._ordered(found + self._shaken(photo, found[:_SHAKEN]))
         if found and self._turns and found[0].fit.score >= _HOPELESS:
-            found = self._ordered(found + self._copied(pyramid, found[0], free))
-        return self._compared(pyramid, found, free)
+            found = self._ordered(found + self._copied(photo, found[0]))
+        return self._compared(photo, found)
 
     def pose_uncertainty(self, pyramid: PhotoPyramid, camera: Camera) -> float:
         """Return `refinement.pose_uncertainty` of a pose that `find` returned for the same photo."""
         return pose_uncertainty(self._known, pyramid, camera, self._points, diameter=_FINEST)
 
-    def _matched(self, pyramid: PhotoPyramid, focal: float, free: bool) -> list[FittedPose]:
+    def _matched(self, photo: "_Photo") -> list[FittedPose]:
         """Return poses that matched features agree about, refined."""
-        focals = [focal * factor for factor in _FOCALS] if free else [focal]
-        features = find_features(pyramid.color, _FEATURES)
-        poses = matched_poses(features, self._views.landmarks, focals, *pyramid.size)
-        starts = self._apart([FittedPose(camera, _UNSEEN, inliers) for camera, inliers in poses])[:_MATCHED]
-        refined = [self._refined(pyramid, start, _MIDDLE, 3, free) for start in starts]
-        return self._followed(pyramid, refined, free)
+        focals = [photo.focal * factor for factor in _FOCALS] if photo.free else [photo.focal]
+        poses = matched_poses(photo.matches, self._views.landmarks, focals)
+        starts = self._apart([FittedPose(camera, _UNSEEN) for camera in poses])[:_MATCHED]
+        return self._followed(photo, [self._refined(photo, start, _MIDDLE, 3) for start in starts])
 
-    def _searched(self, pyramid: PhotoPyramid, focal: float, free: bool) -> list[FittedPose]:
+    def _searched(self, photo: "_Photo") -> list[FittedPose]:
         """Return poses found by looking everywhere."""
         templates = self._views.templates
         starts = [
-            FittedPose(detected_camera(detection, templates, focal, *pyramid.size), _UNSEEN)
-            for detection in search(pyramid.color, templates, _BATCHES[-1])
+            FittedPose(detected_camera(detection, templates, photo.focal, *photo.pyramid.size), _UNSEEN)
+            for detection in search(photo.pyramid.color, templates, _BATCHES[-1])
         ]
         found: list[FittedPose] = []
         for first, last in itertools.pairwise(_BATCHES):
-            coarse = [self._refined(pyramid, start, _COARSE, 3, False) for start in starts[first:last]]
-            middle = [self._refined(pyramid, pose, _MIDDLE, 5, free) for pose in self._ordered(coarse)[:5]]
-            found = self._ordered(found + self._followed(pyramid, middle, free))
+            coarse = [self._refined(photo, start, _COARSE, 3, free=False) for start in starts[first:last]]
+            middle = [self._refined(photo, pose, _MIDDLE, 5) for pose in self._ordered(coarse)[:5]]
+            found = self._ordered(found + self._followed(photo, middle))
             if _settled(found):
                 break
         return found
 
-    def _shaken(self, pyramid: PhotoPyramid, stuck: Sequence[FittedPose], free: bool) -> list[FittedPose]:
+    def _shaken(self, photo: "_Photo", stuck: Sequence[FittedPose]) -> list[FittedPose]:
         """Return the poses that random moves of `stuck` ones lead to."""
         tried = []
         for number, pose in enumerate(stuck):
             random = torch.randn(_SHAKES, PARAMETERS, generator=generator(0, "locate-shakes", number)).numpy()
             for step in random * np.array(_SHAKE):
                 start = replace(pose, camera=moved(pose.camera, step))
-                tried.append(self._refined(pyramid, start, _MIDDLE, 4, free))
-        return self._followed(pyramid, tried, free)
+                tried.append(self._refined(photo, start, _MIDDLE, 4))
+        return self._followed(photo, tried)
 
-    def _copied(self, pyramid: PhotoPyramid, best: FittedPose, free: bool) -> list[FittedPose]:
+    def _copied(self, photo: "_Photo", best: FittedPose) -> list[FittedPose]:
         """Return the best copies of a pose by the symmetries of the object's shape, refined."""
         copies = [replace(best, camera=turn.copy(best.camera)) for turn in self._turns]
-        tried = self._ordered([self._refined(pyramid, copy, _MIDDLE, 2, free) for copy in copies])
-        return self._followed(pyramid, tried[:_COPIES], free)
+        tried = self._ordered([self._refined(photo, copy, _MIDDLE, 2) for copy in copies])
+        return self._followed(photo, tried[:_COPIES])
 
-    def _compared(self, pyramid: PhotoPyramid, found: list[FittedPose], free: bool) -> list[FittedPose]:
+    def _compared(self, photo: "_Photo", found: list[FittedPose]) -> list[FittedPose]:
         """Return the poses, best first, with those that score nearly as the best refined as finely as it."""
         near = [pose for pose in found if pose.fit.score >= max(found[0].fit.score - RIVAL, _HOPELESS)]
         if len(near) < 2:
             return found
-        finest = [self._refined(pyramid, pose, _FINEST, 4, free) for pose in near[: _COPIES + 1]]
+        finest = [self._refined(photo, pose, _FINEST, 4) for pose in near[: _COPIES + 1]]
         return self._ordered(finest + found[len(finest) :])
 
-    def _followed(self, pyramid: PhotoPyramid, poses: list[FittedPose], free: bool) -> list[FittedPose]:
+    def _followed(self, photo: "_Photo", poses: list[FittedPose]) -> list[FittedPose]:
         """Return the three best poses refined until they stand still, and the best of these more finely."""
         found = []
         for pose in self._ordered(poses)[:3]:
-            better = self._refined(pyramid, pose, _FINE, 6, free)
+            better = self._refined(photo, pose, _FINE, 6)
             if better.fit.score >= _HOPELESS:
-                again = self._refined(pyramid, better, _FINE, 6, free)
+                again = self._refined(photo, better, _FINE, 6)
                 better = max(better, again, key=lambda one: one.fit.score)
             found.append(better)
         found = self._ordered(found)
         if found and found[0].fit.score >= _HOPELESS:
-            found[0] = self._refined(pyramid, found[0], _FINEST, 6, free)
+            found[0] = self._refined(photo, found[0], _FINEST, 6)
         return found
 
     def _refined(
-        self, pyramid: PhotoPyramid, start: FittedPose, diameter: float, steps: int, free: bool
+        self, photo: "_Photo", start: FittedPose, diameter: float, steps: int, free: bool = True
     ) -> FittedPose:
-        camera, fit = refine(self._known, pyramid, start.camera, diameter=diameter, steps=steps, focal=free)
-        return FittedPose(camera, fit, start.inliers)
+        """Return a pose refined; `free`: with its focal length, where that is unknown."""
+        camera, fit = refine(
+            self._known,
+            photo.pyramid,
+            start.camera,
+            matches=photo.matches,
+            diameter=diameter,
+            steps=steps,
+            focal=free and photo.free,
+        )
+        return FittedPose(camera, fit)
 
     def _ordered(self, poses: list[FittedPose]) -> list[FittedPose]:
         """Return the distinct poses, best first."""

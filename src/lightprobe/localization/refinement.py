@@ -2,9 +2,9 @@
 together.
 
 At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
-weights, d_k the distance from point k of the rendered outline to an edge of the photo:
+weights, d_k the distance from point k of the rendered outline to an edge of the photo and m_j the distance of a feature to where the point that it matches is seen:
 
-    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k d_k^2
+    minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k d_k^2 + sum_j w_j m_j^2
 
 The light is eliminated (variable projection; Golub & Pereyra 1973, in Kaufman's form): the best E(q) is a
 ridge regression, and a step of the pose is judged by what the light cannot make up for, J - A (A^T W A +
@@ -26,6 +26,7 @@ import torch
 from lightprobe.core.device import draw_rows, generator
 from lightprobe.localization.appearance import PhotoPyramid, ScaledPhoto, appearance
 from lightprobe.localization.known_object import KnownObject
+from lightprobe.localization.matching import NO_MATCHES, Matches, Pull
 from lightprobe.localization.pose import PARAMETERS, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
@@ -110,15 +111,16 @@ def nearest_edges(support: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 @dataclass(frozen=True)
 class Fit:
-    """How much of a photo light explains at a pose, and how well the photo's edges meet the outline."""
+    """How much of a photo light explains at a pose, how well edges meet the outline, how many features agree."""
 
     explained: float  # 1 - unexplained over spread, of the object's pixels; at most 1
     edges: float  # mean support of the outline by edges within a pixel, 0 to 1
+    agreed: float = 0.0  # share of the matched features that agree, 0 to 1
 
     @property
     def score(self) -> float:
         """One number to choose among poses of one photo by."""
-        return 0.5 * float(np.log(1 / max(1.02 - self.explained, 0.02))) + 2 * self.edges
+        return 0.5 * float(np.log(1 / max(1.02 - self.explained, 0.02))) + 2 * self.edges + self.agreed
 
 
 def refine(
@@ -126,6 +128,7 @@ def refine(
     pyramid: PhotoPyramid,
     camera: Camera,
     *,
+    matches: Matches = NO_MATCHES,
     diameter: float,
     steps: int,
     focal: bool = False,
@@ -137,7 +140,7 @@ def refine(
     """
     best = None
     for step in range(steps + 1):
-        seen = _Seen.of(known, pyramid, camera, diameter, step)
+        seen = _Seen.of(known, pyramid, camera, diameter, step, matches)
         if seen is None:
             break
         if best is None or seen.fit.score > best[1].score:
@@ -158,7 +161,7 @@ def pose_uncertainty(
     this covariance with a fixed focal length; infinite where the object is not in the photo. The other
     arguments are those of `refine`.
     """
-    seen = _Seen.of(known, pyramid, camera, diameter, 0)
+    seen = _Seen.of(known, pyramid, camera, diameter, 0, NO_MATCHES)
     if seen is None:
         return float("inf")
     matrix, _ = seen.system(focal=False)
@@ -184,10 +187,17 @@ class _Seen:
     outline_motion: np.ndarray  # (M, 7) of the outline along its normal, pixels
     distance: np.ndarray  # (M,) to the photo's edge
     trust: np.ndarray  # (M,)
+    matched_motion: np.ndarray  # (K, 2, 7) of matched points, pixels
+    pull: Pull
 
     @staticmethod
     def of(
-        known: KnownObject, pyramid: PhotoPyramid, camera: Camera, diameter: float, turn: int
+        known: KnownObject,
+        pyramid: PhotoPyramid,
+        camera: Camera,
+        diameter: float,
+        turn: int,
+        matches: Matches,
     ) -> "_Seen | None":
         """Return what a pose shows, or None where the object is not in the photo."""
         far = float(np.linalg.norm(camera.position))
@@ -205,7 +215,7 @@ class _Seen:
         some = draw_rows(every, round(_PIXELS * share), generator(0, "locate-pixels", turn))
         chosen = torch.cat([torch.from_numpy(outline.row), some]).to(surface.pixel.device)
         reach = int(np.clip(0.1 * np.sqrt(len(surface.pixel)), 3, 8))  # a tenth of the object's size
-        return _seen(known, photo, small, view, surface.select(chosen), outline, reach)
+        return _seen(known, photo, small, view, surface.select(chosen), outline, reach, matches.pull(small))
 
     def step(self, focal: bool) -> np.ndarray:
         """Return the damped Gauss-Newton step (7,) of the pose."""
@@ -227,6 +237,9 @@ class _Seen:
         trusted = self.outline_motion.T * (_EDGES_WEIGH * self.trust)
         matrix += trusted @ self.outline_motion
         right += trusted @ self.distance
+        pulled = np.einsum("kxn,k->nkx", self.matched_motion, self.pull.weight)
+        matrix += np.einsum("nkx,kxm->nm", pulled, self.matched_motion)
+        right += np.einsum("nkx,kx->n", pulled, self.pull.off)
         free = slice(0, PARAMETERS if focal else PARAMETERS - 1)
         return matrix[free, free], right[free]
 
@@ -239,6 +252,7 @@ def _seen(
     surface: Surface,
     outline: Outline,
     reach: int,
+    pull: Pull,
 ) -> _Seen:
     """Return the system of the chosen `surface` points, those of the `outline` first.
 
@@ -264,10 +278,23 @@ def _seen(
     near = support[:, reach - 1 : reach + 2].max(1) if edge else np.zeros(1)
     mean = (weight * inside).sum(1, keepdims=True) / np.maximum(weight.sum(1, keepdims=True), 1e-12)
     spread, left = (weight * (inside - mean) ** 2).sum(), (weight * residual**2).sum()
-    fit = Fit(1 - float(left / max(spread, 1e-12)), float(near.mean()))
+    fit = Fit(1 - float(left / max(spread, 1e-12)), float(near.mean()), pull.agreed)
     scale = 1 / max(len(residual[0]), 1)
     robust = weight * scale / (1 + weight * residual**2)
-    return _Seen(fit, full[:, inner], robust, residual, change, ridge * scale, along, distance, trust)
+    moves_matched = motion(camera, pull.point)
+    return _Seen(
+        fit,
+        full[:, inner],
+        robust,
+        residual,
+        change,
+        ridge * scale,
+        along,
+        distance,
+        trust,
+        moves_matched,
+        pull,
+    )
 
 
 def fitted_light(

@@ -1,9 +1,9 @@
 """Whether a pose found in a photo can be relied on: what was measured, and what follows from it.
 
-A photo without the object has a best pose, too. It shows in the two things that poses are chosen by: how much
-of what the photo shows there light can explain on the object, and whether the photo's edges follow its
-outline. Both may fit well and say little about how a smooth object of one material is turned: the pose's
-uncertainty is measured, too. The limits come from right and wrong poses in photos with the object and from
+A photo without the object has a best pose, too. It shows in the things that poses are chosen by: how much of what
+the photo shows there light can explain on the object, whether the photo's edges follow its outline, and how many
+features that look like the object's agree. They may fit well and say little about how a smooth object of one material
+is turned: the pose's uncertainty is measured, too. The limits come from right and wrong poses in photos with the object and from
 photos without it (docs/decisions/locating.md).
 """
 
@@ -36,8 +36,8 @@ class PoseVerdict:
     score: float  # of the pose, `refinement.Fit.score`
     explained: float  # share of what the photo shows on the object that light explains, at most 1
     edges: float  # 0 to 1, how well edges of the photo follow the outline
+    agreed: float  # share of the features matched with the training photos' that agree, 0 to 1
     inside: float  # share of the object within the photo
-    inliers: int  # matched features that agree about the pose
     rivals: int  # other poses that score about as well
     pose_uncertainty: float  # root mean square motion of the object's points, in its size
 
@@ -65,8 +65,9 @@ class PoseVerdict:
         return {**measures, "status": self.status.value, "sentences": list(self.sentences)}
 
     def _findings(self) -> Iterator[tuple[PoseStatus, str]]:
-        measured = f"light explains {100 * max(self.explained, 0):.0f} % of it there, and "
-        measured += f"{100 * self.edges:.0f} % of the object's outline lies on edges"
+        measured = f"light explains {100 * max(self.explained, 0):.0f} % of it there, "
+        measured += f"{100 * self.edges:.0f} % of the object's outline lies on edges, and "
+        measured += f"{100 * self.agreed:.0f} % of the features that look like its own agree"
         if self.score < _NOTHING:
             yield (
                 PoseStatus.REFUSED,

@@ -7,6 +7,7 @@ from pathlib import Path
 import torch
 
 from lightprobe.core.checkpoint import load_tensors, save_tensors
+from lightprobe.core.errors import InputError
 from lightprobe.core.stored import TensorRule, check_tensors, damaged, remedied
 from lightprobe.localization.matching import Landmarks, find_landmarks
 from lightprobe.localization.templates import LIGHTS, SIDE, Templates, make_templates, views_around
@@ -15,9 +16,12 @@ from lightprobe.scene.photo import Scene
 
 REMEDY = "delete it, and lightprobe locate makes it again from the scene's photos"
 _FAR = 1e3  # radii; no camera that sees anything of the object is farther away
+_LONGEST = 2**16  # pixels of a photo that landmarks are found in
 _LARGE = 100.0  # no logarithm of an appearance is larger
 _RULES = {
-    "descriptor": TensorRule(("N", 128), torch.uint8),
+    "descriptor": TensorRule(("N", 64), torch.float16, low=-1.01, high=1.01),
+    "place": TensorRule(("N", 2), low=0, high=_LONGEST),
+    "size": TensorRule(("V", 2), torch.int32, low=1, high=_LONGEST),
     "point": TensorRule(("N", 3), low=-_FAR, high=_FAR),
     "side": TensorRule(("V", 3), low=-1.001, high=1.001),
     "photo": TensorRule(("N",), torch.int32, below="V"),
@@ -46,7 +50,7 @@ class KnownViews:
     ) -> "KnownViews":
         """Return the views of an object from its training photos; `on_photo` as in `find_landmarks`.
 
-        Raises `ConfigError` without OpenCV.
+        Raises `ConfigError` without the extra `photos`.
         """
         asset, similarity = decomposition.asset, decomposition.similarity
         landmarks = find_landmarks(asset, scene.train, similarity, on_photo)
@@ -65,6 +69,8 @@ class KnownViews:
         """Read what `save` wrote; raise `InputError` when it cannot be used."""
         with remedied(REMEDY):
             tensors = load_tensors(path)
+            if "place" not in tensors:
+                raise InputError(f"{path} was made by an older version")
         check_tensors(tensors, _RULES, path, REMEDY)
         check_tensors(tensors, {"focal": TensorRule((1,), torch.float64, 1e-3, 1e5)}, path, REMEDY)
         if bool((tensors["photo"].diff() < 0).any()):

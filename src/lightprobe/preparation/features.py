@@ -1,6 +1,6 @@
 """Features of photos under changing light, on pictures of even contrast, and which photos match.
 
-Learned ones (`learned`) where the extra `matching` is installed. Otherwise SIFT by COLMAP, which ends where an object
+Learned ones (`learned`) where the package with their weights is installed. Otherwise SIFT by COLMAP, which ends where an object
 shines or neighbouring photos stand more than some 20 degrees apart; its descriptors are compared by their scalar
 product, 128 bytes each, of nearly equal length.
 """

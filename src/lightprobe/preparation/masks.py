@@ -1,5 +1,6 @@
 """Masks of all photos that have a camera, and where and on what the object stood in each place."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -12,14 +13,15 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import checksum, named_file
 from lightprobe.core.stored import read_object
 from lightprobe.imaging import read_mask, resize_area
-from lightprobe.preparation.cache import HIDDEN
+from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
+from lightprobe.preparation.salient_object import Box, log_odds
 from lightprobe.preparation.support_plane import SupportPlane, common_plane
-from lightprobe.preparation.voxel_labelling import View, away, label_voxels, photo_evidence
+from lightprobe.preparation.voxel_labelling import Look, View, away, label_voxels, photo_evidence
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
@@ -27,6 +29,7 @@ from lightprobe.scene.hull import Hull
 OnProgress = Callable[[str, int, int], None]
 PLACE = 3  # photos that make a place: fewer may be what the others' light or table hides
 WRITTEN = "written.json"  # in the hidden folder: checksums of the masks as they were written
+_STEPS = 31  # to one of the odds' logarithm, as they are kept
 _REACH = 1.35  # radii of the object's points within which it may reach
 _FEWEST = 12  # points from which the object's place is known
 _SHARP = 2.0  # pixels of mean error up to which a point is trusted
@@ -54,6 +57,7 @@ def cut_masks(
     known: Mapping[int, np.ndarray],
     fixed: set[int],
     own: Mapping[str, np.ndarray],
+    cache: Cache,
     on_progress: OnProgress,
 ) -> Cutting:
     """Return the masks of all photos that have a camera.
@@ -68,9 +72,10 @@ def cut_masks(
         index: _view(photos[index], seen[index], camera, bends[index], known.get(index), index in fixed, own)
         for index, camera in solution.cameras().items()
     }
-    evidence = photo_evidence(views)
+    look = _kept_look(photos, cache)
+    evidence = photo_evidence(views, look)
     points = solution.points[object_points(solution, views, evidence)]
-    found = label_voxels(views, evidence, points, lambda done, total: on_progress("masks", done, total))
+    found = label_voxels(views, evidence, points, lambda *at: on_progress("masks", *at), look)
     places: dict[int, int] = {}
     planes: dict[int, SupportPlane] = {}
     on_object = _inside(found.hull, solution.points)
@@ -86,6 +91,20 @@ def cut_masks(
         if len(large) > 1:
             places, planes = each, dict.fromkeys(large, plane)
     return Cutting(choice, views, found.masks, found.agreement, hull, frozenset(own), places, planes)
+
+
+def _kept_look(photos: Sequence[SourcePhoto], cache: Cache) -> Look:
+    """Return a `Look` whose answers are kept: after a correction most photos are looked at as before."""
+
+    def look(photo: int, color: np.ndarray, box: Box | None) -> np.ndarray:
+        def make() -> dict[str, np.ndarray]:
+            return {"odds": np.rint(log_odds(color, box) * _STEPS).astype(np.int8)}
+
+        name = f"{'whole' if box is None else 'detail'}-{photos[photo].name}"
+        key = key_of(hashlib.blake2b(color.tobytes()).hexdigest(), box)
+        return cache.arrays(name, key, make)["odds"].astype(np.float32) / _STEPS
+
+    return look
 
 
 def object_points(

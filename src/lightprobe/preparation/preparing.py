@@ -23,7 +23,7 @@ from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
-_EDITION = 2  # raised when finished scenes would come out otherwise: the same command then makes them anew
+_EDITION = 3  # raised when finished scenes would come out otherwise: the same command then makes them anew
 _LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 
@@ -126,7 +126,7 @@ def _work(
     if hints and len(choice.tried) > 1:
         hinted = key_of(keys[0], _checksums(hints), options.seed)
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
-    cutting = cut_masks(photos, seen, choice, known, set(given), own, on_progress)
+    cutting = cut_masks(photos, seen, choice, known, set(given), own, cache, on_progress)
     return write_scene(output, photos, seen, matches, cutting, options, keys[1], on_progress)
 
 

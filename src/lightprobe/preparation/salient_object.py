@@ -26,11 +26,26 @@ _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictu
 Box = tuple[float, float, float, float]  # left, right, top, bottom in pixels
 
 
-def log_odds(color: np.ndarray) -> np.ndarray:
+def log_odds(color: np.ndarray, box: Box | None = None) -> np.ndarray:
     """Return ln(p / (1 - p)) of each pixel's probability p to show the object, (h, w) float32.
 
-    color: (h, w, 3) uint8 sRGB. Raises `ConfigError` where the network is not installed.
+    color: (h, w, 3) uint8 sRGB, the whole photo. box: what of it the network is shown, larger; beside it nothing is the
+    object. Objects that fill the picture are cut finer. Raises `ConfigError` where the network is not installed.
     """
+    height, width = color.shape[:2]
+    if box is None:
+        return _log_odds(color)
+    left, right, top, bottom = (round(edge) for edge in box)
+    columns = slice(max(0, left), max(1, min(width, right)))
+    rows = slice(max(0, top), max(1, min(height, bottom)))
+    found = np.full((height, width), -CERTAIN, np.float32)
+    detail = color[rows, columns]
+    if detail.size:
+        found[rows, columns] = _log_odds(detail)
+    return found
+
+
+def _log_odds(color: np.ndarray) -> np.ndarray:
     cv2, network = opencv_library(), _network()
     height, width = color.shape[:2]
     picture = cv2.resize(color, (_SIDE, _SIDE), interpolation=cv2.INTER_AREA).astype(np.float32)
@@ -39,25 +54,6 @@ def log_odds(color: np.ndarray) -> np.ndarray:
     found = network.run([network.get_outputs()[0].name], {network.get_inputs()[0].name: values})[0][0, 0]
     likely = np.clip(cv2.resize(found, (width, height)), 1e-6, 1 - 1e-6)
     return np.clip(np.log(likely / (1 - likely)), -CERTAIN, CERTAIN).astype(np.float32)
-
-
-def log_odds_in(color: np.ndarray, box: Box, margin: float) -> np.ndarray:
-    """Return the same, (h, w) float32, by a square detail around a box; outside of it nothing is the object.
-
-    color: (h, w, 3) uint8 sRGB, the whole photo. margin: on each side, of the box's longer side. Objects that fill
-    the picture are cut finer.
-    """
-    height, width = color.shape[:2]
-    left, right, top, bottom = box
-    half = (0.5 + margin) * max(right - left, bottom - top)
-    x, y = (left + right) / 2, (top + bottom) / 2
-    columns = slice(max(0, round(x - half)), max(1, min(width, round(x + half))))
-    rows = slice(max(0, round(y - half)), max(1, min(height, round(y + half))))
-    found = np.full((height, width), -CERTAIN, np.float32)
-    detail = color[rows, columns]
-    if detail.size:
-        found[rows, columns] = log_odds(detail)
-    return found
 
 
 @functools.cache

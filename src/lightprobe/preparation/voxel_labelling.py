@@ -22,15 +22,16 @@ from lightprobe.core.threads import in_threads
 from lightprobe.kernels import vote_on_voxels
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.minimum_cut import minimum_cut
-from lightprobe.preparation.salient_object import CERTAIN, Box, log_odds, log_odds_in
+from lightprobe.preparation.salient_object import CERTAIN, Box, log_odds
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 from lightprobe.scene.hull import Hull, projection_matrix
 
-_RESOLUTION = 128  # voxels along an edge
+_COARSE, _FINE = 64, 128  # voxels along an edge, around all that may be the object and around what is
 _GROWTH = 0.6  # of the points' extent: beyond the outermost points there are parts without features
 _TIGHT = 0.1  # of the object's size around the labels so far: finer voxels
 _MARGIN = 0.35  # of a silhouette's longer side around it: the network wants to see what surrounds the object
+_BOX_STEP = 16  # pixels that boxes are widened to: a silhouette that hardly changes has the same detail
 _TRUST = 2.0  # times the odds in votes: few photos look through a hole, and for all others it is filled
 _AGAINST = 3.0  # most that one photo counts against a voxel
 _SHOWS, _SHOWS_DEEP = 0.5, 0.999  # r at and outside the silhouette, and deep inside it
@@ -39,7 +40,7 @@ _SOLID = 1.0  # vote for a voxel from each of _CORE voxels between it and the su
 _CORE = 3
 _ENOUGH = 3.0  # sum of votes from which a voxel is as good as sure
 _AREA = 0.35  # cost of a face; a rod of two by two voxels that are sure pays twice that much
-_STEPS = 150  # of the cut, after which labels change no more
+_STEPS = 50  # of the cut, after which one voxel in 50 000 changes
 _SCALE = 16.0  # votes are kept as whole multiples of a sixteenth
 _SEEN = 0.1  # of the photos must see a voxel
 _OUTSIDE = 0.02  # of the longer side: this far outside of masks that the user gave is no object
@@ -49,7 +50,7 @@ _SPECK = 0.001  # of the largest piece: smaller ones are noise; a ball on an aer
 _NO_WEIGHT = 0.5  # IoU with the silhouette up to which a photo hardly counts,
 _FULL_WEIGHT = 0.8  # and from which it counts
 _LEAST_WEIGHT = 0.05
-_EDGE_STEPS = 80  # of the cut in a photo
+_EDGE_STEPS = 40  # of the cut in a photo
 _EDGE = 4.0  # cost of a pixel's side along the outline where colours are even
 _CONTRAST = 8.0  # 8-bit CIELAB: difference between neighbours where an outline costs half as much
 _FREE = 0.1  # of that cost remains at a strong edge
@@ -79,6 +80,13 @@ class Labelling:
 
 
 OnRound = Callable[[int, int], None]
+# L (h, w) of a photo, by its index and colours (h, w, 3) uint8, as a whole or in a box: `salient_object.log_odds`
+Look = Callable[[int, np.ndarray, Box | None], np.ndarray]
+
+
+def look_at(photo: int, color: np.ndarray, box: Box | None) -> np.ndarray:
+    """Return what the network says of a photo: a `Look` that keeps nothing."""
+    return log_odds(color, box)
 
 
 def label_voxels(
@@ -86,12 +94,13 @@ def label_voxels(
     evidence: Mapping[int, np.ndarray],
     points: np.ndarray,
     on_round: OnRound = lambda done, total: None,
+    look: Look = look_at,
 ) -> Labelling:
     """Return the object's voxels and masks.
 
     evidence: L (h, w) of whole photos, as `photo_evidence` gives it. points (P, 3): on the object.
     """
-    volume, total = _Volume(views, evidence, points), 4
+    volume, total = _Volume(views, evidence, points, look), 4
     volume.label()
     on_round(1, total)
     volume.look_closer()
@@ -109,21 +118,24 @@ def label_voxels(
     return Labelling(volume.hull, masks, agreement)
 
 
-def photo_evidence(views: Mapping[int, View]) -> dict[int, np.ndarray]:
+def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int, np.ndarray]:
     """Return L (h, w) float32 of each photo: its given mask, or what the network says of the whole photo.
 
     Raises `ConfigError` where the network is needed and not installed.
     """
-    return dict(zip(views, in_threads(_whole, views.values()), strict=True))
 
-
-def _whole(view: View) -> np.ndarray:
-    if view.given is None:
-        return log_odds(view.color)
-    if not view.fixed and _is_box(view.given):  # a hint that tells where the object ends, but not what it is
-        inside = log_odds_in(view.color, _box_of_mask(view.given), _MARGIN)
+    def whole(photo: int) -> np.ndarray:
+        view = views[photo]
+        if view.given is None:
+            return look(photo, view.color, None)
+        inside = np.full(view.given.shape, CERTAIN)
+        if not view.fixed and _is_box(
+            view.given
+        ):  # a hint that tells where the object ends, but not what it is
+            inside = look(photo, view.color, _around(view.given))
         return np.where(view.given, inside, -CERTAIN).astype(np.float32)
-    return np.where(view.given, CERTAIN, -CERTAIN).astype(np.float32)
+
+    return dict(zip(views, in_threads(whole, views), strict=True))
 
 
 def _is_box(mask: np.ndarray) -> bool:
@@ -134,16 +146,18 @@ def _is_box(mask: np.ndarray) -> bool:
 class _Volume:
     """Voxels, labelled in rounds."""
 
-    def __init__(self, views: Mapping[int, View], evidence: Mapping[int, np.ndarray], points: np.ndarray):
-        self._views, self.evidence = views, dict(evidence)
+    def __init__(
+        self, views: Mapping[int, View], evidence: Mapping[int, np.ndarray], points: np.ndarray, look: Look
+    ):
+        self._views, self.evidence, self._look = views, dict(evidence), look
         self.shapes: dict[int, np.ndarray] = {}
         low, high = np.quantile(points, 0.02, axis=0), np.quantile(points, 0.98, axis=0)
         margin = _GROWTH * (high - low).max()
-        self._enclose(low - margin, high + margin)
+        self._enclose(low - margin, high + margin, _COARSE)
 
-    def _enclose(self, low: np.ndarray, high: np.ndarray) -> None:
+    def _enclose(self, low: np.ndarray, high: np.ndarray, resolution: int) -> None:
         """Begin a grid of empty voxels in the box low..high (3,)."""
-        empty = np.zeros((_RESOLUTION,) * 3, bool)
+        empty = np.zeros((resolution,) * 3, bool)
         self.hull = Hull(empty, empty.astype(np.float32), low, high)
         self._outside = self._beside_given()
 
@@ -151,7 +165,7 @@ class _Volume:
         """Return the voxels that lie outside of masks that the user gave, (N, N, N) bool."""
         given = {photo: view.given for photo, view in self._views.items() if view.given is not None}
         if not given:
-            return np.zeros((_RESOLUTION,) * 3, bool)
+            return np.zeros(self.hull.occupancy.shape, bool)
         far = {i: (away(mask) > _OUTSIDE * max(mask.shape)).astype(np.int8) for i, mask in given.items()}
         outside, framed = self._sums(far)
         return outside > _FEW_OUTSIDE * framed
@@ -164,9 +178,9 @@ class _Volume:
         points = before.centers(before.occupancy)
         margin = _TIGHT * np.ptp(points, axis=0).max()
         low, high = points.min(axis=0) - margin, points.max(axis=0) + margin
-        self._enclose(np.maximum(low, before.lo), np.minimum(high, before.hi))
-        centers = self.hull.centers(~self.hull.occupancy).reshape(*before.occupancy.shape, 3)
-        cell = np.floor((centers - before.lo) / before.voxel).astype(int).clip(0, _RESOLUTION - 1)
+        self._enclose(np.maximum(low, before.lo), np.minimum(high, before.hi), _FINE)
+        centers = self.hull.centers(~self.hull.occupancy).reshape(*self.hull.occupancy.shape, 3)
+        cell = np.floor((centers - before.lo) / before.voxel).astype(int).clip(0, len(before.occupancy) - 1)
         self.hull = replace(self.hull, occupancy=before.occupancy[tuple(np.moveaxis(cell, -1, 0))])
 
     def look_closer(self) -> None:
@@ -176,7 +190,7 @@ class _Volume:
             view, whole, shape = self._views[photo], self.evidence[photo], self.shapes[photo]
             if view.given is not None or not shape.any():
                 return whole
-            return (whole + log_odds_in(view.color, _box_of_mask(shape), _MARGIN)) / 2
+            return (whole + self._look(photo, view.color, _around(shape))) / 2
 
         self.evidence = dict(zip(self._views, in_threads(work, self._views), strict=True))
 
@@ -193,7 +207,8 @@ class _Volume:
 
     def _votes(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the sum of votes for each voxel and the number of photos that see it, (N, N, N) both."""
-        votes, seen = self._sums({photo: self._ballots(photo) for photo in self._views})
+        ballots = in_threads(self._ballots, self._views)
+        votes, seen = self._sums(dict(zip(self._views, ballots, strict=True)))
         return votes / _SCALE, seen
 
     def _sums(self, ballots: Mapping[int, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
@@ -202,7 +217,7 @@ class _Volume:
         sizes = np.array([each.shape for each in ballots.values()], np.int64)
         starts = np.concatenate([[0], np.cumsum(sizes.prod(axis=1))])
         cast = np.concatenate([each.ravel() for each in ballots.values()])
-        grid = self.hull.lo, self.hull.voxel, _RESOLUTION
+        grid = self.hull.lo, self.hull.voxel, len(self.hull.occupancy)
         return vote_on_voxels(projections, sizes, starts, cast, *grid)
 
     def _ballots(self, photo: int) -> np.ndarray:
@@ -260,6 +275,16 @@ def _box_of_mask(mask: np.ndarray) -> Box:
     """Return the box around a mask (h, w) bool that is not empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return float(columns[0]), float(columns[-1] + 1), float(rows[0]), float(rows[-1] + 1)
+
+
+def _around(mask: np.ndarray) -> Box:
+    """Return the square around a mask (h, w) bool, not empty, with the surroundings that the network wants to see."""
+    edges = _box_of_mask(mask)
+    left, top = (_BOX_STEP * (edges[side] // _BOX_STEP) for side in (0, 2))
+    right, bottom = (-_BOX_STEP * (-edges[side] // _BOX_STEP) for side in (1, 3))
+    half = (0.5 + _MARGIN) * max(right - left, bottom - top)
+    x, y = (left + right) / 2, (top + bottom) / 2
+    return x - half, x + half, y - half, y + half
 
 
 def _main_pieces(occupied: np.ndarray) -> np.ndarray:

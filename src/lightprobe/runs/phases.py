@@ -180,7 +180,7 @@ def keep_accuracy(
 def keep_views(run: RunFolder, decomposition: Decomposition, scene: Scene, on_progress: OnProgress) -> None:
     """Keep what new photos are located by, so that it needs the training photos no more.
 
-    Without OpenCV nothing is kept: a training must not fail for it, and `lightprobe locate` says what is
+    Without the extra `photos` nothing is kept: a training must not fail for it, and `lightprobe locate` says what is
     missing.
     """
     largest = max(max(photo.camera.width, photo.camera.height) for photo in scene.train)
