@@ -1,9 +1,10 @@
 """How well new photos are located: poses, light, and photos without the object.
 
-    python -m benchmarks locate --data DATA --runs RUNS --scenes spot chair [--tables poses free light wrong]
+    python -m benchmarks locate --data DATA [--runs RUNS] --scenes spot chair [--tables poses free light wrong]
         [--others vase cape]
 
-DATA holds scene folders, RUNS a trained run of the same name for each of --scenes. Test photos with a true environment
+DATA holds scene folders, RUNS a trained run of the same name for each of --scenes; without it the true objects are
+located, which tells what matching and refining lose from what the reconstruction does, and takes no training. Test photos with a true environment
 are laid over it (`benchmarks.composed`), others are taken as they are; neither camera nor mask is given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
@@ -33,10 +34,12 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import relight
 from lightprobe.evaluation.metrics import psnr
+from lightprobe.evaluation.oracle import true_asset
 from lightprobe.evaluation.true_light import TrueLight
 from lightprobe.imaging import read_hdr, srgb_encode, write_png
 from lightprobe.light.environment import Environment
-from lightprobe.localization import Located, Locator, PoseStatus, stored_views
+from lightprobe.localization import KnownViews, Located, Locator, PoseStatus, stored_views
+from lightprobe.models import Decomposition
 from lightprobe.prediction import Predictor
 from lightprobe.render.surface import View, visible_surface
 from lightprobe.scene import load_pixels, load_scene
@@ -54,17 +57,23 @@ class Subject:
 
     name: str
     scene: Scene
-    predictor: Predictor
+    decomposition: Decomposition
     locator: Locator
+    predictor: Predictor | None  # of a run
     files: dict[str, Path]  # by the photo's name
 
     @staticmethod
-    def of(name: str, data: Path, runs: Path, folder: Path) -> "Subject":
-        """Load a scene and its run, and write its photos into `folder`."""
-        scene, run = scene_of(name, data), RunFolder.open(runs / name)
+    def of(name: str, data: Path, runs: Path | None, folder: Path) -> "Subject":
+        """Load a scene and its run or its true object, and write its photos into `folder`."""
+        scene = scene_of(name, data)
+        files = dict(photo_files(name, scene, folder))
+        if runs is None:
+            known = Decomposition(true_asset(scene), {}, scene.similarity)
+            return Subject(name, scene, known, Locator(known, KnownViews.of(known, scene)), None, files)
+        run = RunFolder.open(runs / name)
         predictor = Predictor.load(run.path)
-        locator = Locator(predictor.decomposition, stored_views(run, predictor.decomposition))
-        return Subject(name, scene, predictor, locator, dict(photo_files(name, scene, folder)))
+        known = predictor.decomposition
+        return Subject(name, scene, known, Locator(known, stored_views(run, known)), predictor, files)
 
 
 def scene_of(name: str, data: Path) -> Scene:
@@ -87,7 +96,7 @@ def photo_files(name: str, scene: Scene, folder: Path) -> Iterator[tuple[str, Pa
 
 def pose_error(subject: Subject, found: Camera, given: Camera) -> float:
     """Return the mean distance of two input-frame cameras at vertices that `given` sees, in pixels of 320."""
-    similarity, mesh = subject.predictor.decomposition.similarity, subject.predictor.decomposition.asset.mesh
+    similarity, mesh = subject.decomposition.similarity, subject.decomposition.asset.mesh
     scale = 320 / max(given.width, given.height)
     small = given.resized(max(1, round(scale * given.width)), max(1, round(scale * given.height)))
     surface = visible_surface(mesh.vertices, mesh.faces, View.of(small.normalised(similarity), CPU))
@@ -148,19 +157,21 @@ def light_row(subject: Subject) -> str:
 
     PSNR in dB between renders of the next test view under the predicted and under the true light.
     """
-    rows = []
-    similarity = subject.predictor.decomposition.similarity
+    rows, predictor = [], subject.predictor
+    if predictor is None:
+        raise SystemExit("The table light needs --runs.")
+    similarity = subject.decomposition.similarity
     photos = [photo for photo in subject.scene.test if photo.truth.environment is not None]
     for photo, other in zip(photos, [*photos[1:], photos[0]], strict=True):
         got = answer(subject, subject.files[photo.name], photo.camera.fx, photo.camera)
         if got.located is None or got.status is not PoseStatus.GOOD or photo.truth.environment is None:
             continue
         try:
-            located = subject.predictor.predict(got.located.pixels, got.located.pixel_camera)
+            located = predictor.predict(got.located.pixels, got.located.pixel_camera)
         except InputError as error:
             print(f"# {subject.name} {photo.name}: no map of the located photo. {error}")
             continue
-        given = subject.predictor.predict(*load_pixels(photo))
+        given = predictor.predict(*load_pixels(photo))
         resolution = given.environment.resolution
         true = TrueLight.load(photo.truth.environment, photo.camera, similarity.center, resolution, CPU)
         view = other.camera.resized(160, 160)
@@ -177,7 +188,7 @@ def light_row(subject: Subject) -> str:
 
 def _shown(subject: Subject, environment: Environment, view: Camera) -> torch.Tensor:
     """Return a displayed picture (H, W, 3) of the object under an environment."""
-    image, _ = relight(subject.predictor.decomposition, environment, view)
+    image, _ = relight(subject.decomposition, environment, view)
     return srgb_encode(image.clamp(0, 1))
 
 
@@ -231,7 +242,7 @@ def main(words: Sequence[str]) -> None:
     """Read the command line and print the tables."""
     parser = command_line(__doc__)
     parser.add_argument("--data", type=Path, required=True)
-    parser.add_argument("--runs", type=Path, required=True)
+    parser.add_argument("--runs", type=Path)
     parser.add_argument("--scenes", nargs="+", required=True)
     parser.add_argument("--others", nargs="*", default=[], help="more scenes for `wrong`; they need no run")
     parser.add_argument("--tables", nargs="+", choices=list(HEADS), default=list(HEADS))

@@ -21,7 +21,7 @@ from tests.painted_object import SIMILARITY, decomposition, in_input_frame
 @pytest.fixture
 def located(camera, photo):
     clipped = photo[0] > np.quantile(photo[0], 0.9)
-    return Located(camera, photo[1], PoseVerdict(2.5, 0.9, 0.7, 1.0, 30, 0, 0.01), photo[0], clipped, 0.5)
+    return Located(camera, photo[1], PoseVerdict(2.5, 0.9, 0.7, 0.5, 1.0, 0, 0.01), photo[0], clipped, 0.5)
 
 
 def test_the_camera_is_one_that_other_commands_read(located, tmp_path):

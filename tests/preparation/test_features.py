@@ -1,6 +1,9 @@
 """Features of a picture are found again where it is shifted, and which pairs are worth matching."""
 
 import shutil
+import signal
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -133,3 +136,10 @@ def test_the_largest_blobs_are_kept_whichever_way_they_are_turned(monkeypatch):
     kept = features._stored(stored, "0.png", np.zeros((10, 20), np.uint8))
     assert kept.points.tolist() == [[2, 3], [6, 7]]
     assert kept.descriptors[:, 0].tolist() == [1, 3]
+
+
+def test_a_preparation_that_is_ended_prints_no_trace():
+    words = "import os; from lightprobe.preparation.features import pycolmap_library as load; load(); os.kill(os.getpid(), 15)"
+    ended = subprocess.run([sys.executable, "-c", words], capture_output=True, check=False)
+    assert ended.returncode == -signal.SIGTERM
+    assert ended.stderr == b""

@@ -7,7 +7,9 @@ product, 128 bytes each, of nearly equal length.
 
 import contextlib
 import shutil
+import signal
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +49,11 @@ def pycolmap_library() -> Any:
     """Return `pycolmap`, told to be silent; raise `ConfigError` saying how to install it."""
     module = extra_library("pycolmap", "Finding the cameras of plain photos")
     module.logging.minloglevel = _SILENT  # what it says is said again in our words
+    before = signal.getsignal(signal.SIGTERM)
+    if before is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(
+            signal.SIGTERM, before
+        )  # its own prints a stack trace for everybody who ends a preparation
     return module
 
 

@@ -85,7 +85,7 @@ Look = Callable[[int, np.ndarray, Box | None], np.ndarray]
 
 
 def look_at(photo: int, color: np.ndarray, box: Box | None) -> np.ndarray:
-    """Return what the network says of a photo: a `Look` that keeps nothing."""
+    """Return L (h, w) by the network of a photo's colours (h, w, 3) uint8: a `Look` that keeps nothing."""
     return log_odds(color, box)
 
 
