@@ -4,8 +4,8 @@
         [--others vase cape]
 
 DATA holds scene folders, RUNS a trained run of the same name for each of --scenes; without it the true objects are
-located, which tells what matching and refining lose from what the reconstruction does, and takes no training. Test photos with a true environment
-are laid over it (`benchmarks.composed`), others are taken as they are; neither camera nor mask is given. Tables:
+located, which tells what matching and refining lose from what the reconstruction does, and takes no training. Test
+photos with a true environment are laid over it (`benchmarks.composed`), others are taken as they are; neither camera nor mask is given. Tables:
 
     poses   the focal length is known: mean distance, in pixels of a photo with 320 on its longer side, between where
             the found and the given camera see the mesh's vertices that the given camera sees
@@ -158,8 +158,7 @@ def light_row(subject: Subject) -> str:
     PSNR in dB between renders of the next test view under the predicted and under the true light.
     """
     rows, predictor = [], subject.predictor
-    if predictor is None:
-        raise SystemExit("The table light needs --runs.")
+    assert predictor is not None  # `main` asks for runs
     similarity = subject.decomposition.similarity
     photos = [photo for photo in subject.scene.test if photo.truth.environment is not None]
     for photo, other in zip(photos, [*photos[1:], photos[0]], strict=True):
@@ -247,6 +246,8 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("--others", nargs="*", default=[], help="more scenes for `wrong`; they need no run")
     parser.add_argument("--tables", nargs="+", choices=list(HEADS), default=list(HEADS))
     given = parser.parse_args(words)
+    if given.runs is None and "light" in given.tables:
+        parser.error("the table light needs --runs; choose others with --tables")
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(temporary)
         subjects = [Subject.of(scene, given.data, given.runs, folder) for scene in given.scenes]

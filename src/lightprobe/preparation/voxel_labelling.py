@@ -129,9 +129,8 @@ def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int,
         if view.given is None:
             return look(photo, view.color, None)
         inside = np.full(view.given.shape, CERTAIN)
-        if not view.fixed and _is_box(
-            view.given
-        ):  # a hint that tells where the object ends, but not what it is
+        if not view.fixed and _is_box(view.given):
+            # A hint that tells where the object ends, but not what it is.
             inside = look(photo, view.color, _around(view.given))
         return np.where(view.given, inside, -CERTAIN).astype(np.float32)
 
