@@ -40,3 +40,12 @@ def test_a_damaged_file_is_named_with_the_remedy(views, tmp_path, name, value):
         InputError, match=r"views\.safetensors.*delete it, and lightprobe locate makes it again"
     ):
         KnownViews.load(path)
+
+
+def test_a_file_of_an_older_version_is_called_that(views, tmp_path):
+    path = tmp_path / "views.safetensors"
+    views.save(path)
+    tensors = load_tensors(path)
+    save_tensors(path, {name: value for name, value in tensors.items() if name not in ("place", "size")})
+    with pytest.raises(InputError, match=r"made by an older version; delete it, and lightprobe locate"):
+        KnownViews.load(path)

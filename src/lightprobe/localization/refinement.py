@@ -2,7 +2,8 @@
 together.
 
 At a pose q, with A(q) the coarse transport of some of the object's pixels, I their colours in the photo, W
-weights, d_k the distance from point k of the rendered outline to an edge of the photo and m_j the distance of a feature to where the point that it matches is seen:
+weights, d_k the distance from point k of the rendered outline to an edge of the photo, m_j the distance from
+feature j of the photo to where the point that it matches is seen, and w_j its weight:
 
     minimise over q and E:  |A E - I(q)|_W^2 + pull |E - level|^2 + weight sum_k d_k^2 + sum_j w_j m_j^2
 
