@@ -13,8 +13,10 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_json
 from lightprobe.imaging import read_mask, write_png
 from lightprobe.preparation import PrepareOptions, prepare
-from lightprobe.preparation.masks import WRITTEN, Cutting
-from lightprobe.preparation.output import _lost, _warnings, finished, hint_overlaps
+from lightprobe.preparation.labelled import Labelled, Masks
+from lightprobe.preparation.mask_report import hint_overlaps
+from lightprobe.preparation.masks import Cutting
+from lightprobe.preparation.output import _lost, _warnings, finished
 from lightprobe.preparation.voxel_labelling import View
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
@@ -137,7 +139,7 @@ def test_another_process_cannot_prepare_the_same_scene(photographed, tmp_path):
 @pytest.mark.parametrize("content", ["[0]", "3", '"a"'])
 def test_a_damaged_record_of_masks_is_one_sentence(tmp_path, content):
     (tmp_path / ".prepare").mkdir()
-    (tmp_path / ".prepare" / WRITTEN).write_text(content)
+    (tmp_path / ".prepare" / "written.json").write_text(content)
     write_json(tmp_path / "prepare.json", {"key": "k"})
     write_json(tmp_path / "transforms.json", {})
     with pytest.raises(InputError, match=r"written\.json is damaged.*prepare the scene anew"):
@@ -152,12 +154,13 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution, share={}, agreement={}, fit=fit)
     choice = SimpleNamespace(kept=kept, trap=None)
     view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
-    cutting = Cutting(choice, {0: view, 1: view}, {}, {}, None)
+    labelled = Labelled({0: "0.png", 1: "1.png"}, {0: view, 1: view}, {}, None)
+    cutting = Cutting(choice, labelled, Masks({}, {}, {}), None)
     lost = _lost(photos, seen, {}, cutting)
     assert lost["2.png"].startswith("fits 1.png and 1 more, apart")
     assert lost["3.png"].startswith("fits 1.png and 1 more")  # the larger of its two
     assert lost["4.png"].startswith("fits 3.png, apart")
-    warnings = _warnings(photos, cutting, SimpleNamespace(doubt=None), 1.0)
+    warnings = _warnings(photos, cutting, SimpleNamespace(doubt=None))
     assert next(text for text in warnings if "fit together" in text).startswith(
         "2 photos, such as 2.png, fit together"
     )
@@ -173,5 +176,5 @@ def test_a_found_mask_is_held_against_the_hint_that_it_came_from():
     }
     views[1] = View(views[1].camera, views[1].color, hint, False)
     views[2] = View(views[2].camera, views[2].color, hint, True)  # given, not found: nothing to compare
-    cutting = Cutting(None, views, dict.fromkeys(views, found), {}, None)
-    assert hint_overlaps(cutting) == {1: pytest.approx(0.5)}
+    masks = Masks(dict.fromkeys(views, found), {}, {})
+    assert hint_overlaps(Labelled({}, views, {}, None), masks) == {1: pytest.approx(0.5)}

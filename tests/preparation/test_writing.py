@@ -21,8 +21,8 @@ from lightprobe.imaging import (
     write_mask,
 )
 from lightprobe.preparation import writing
+from lightprobe.preparation.labelled import enlarged
 from lightprobe.preparation.mapping import bent, straightened
-from lightprobe.preparation.output import enlarged
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.upright import rotation_to_z
 from lightprobe.preparation.writing import (
@@ -30,9 +30,9 @@ from lightprobe.preparation.writing import (
     full_size,
     largest_bend,
     straight,
+    write_cells,
     write_images,
     write_masks,
-    write_sheet,
     write_transforms,
 )
 from lightprobe.scene import load_scene
@@ -221,6 +221,6 @@ def test_a_small_mask_grows_in_place():
 
 def test_the_sheet_has_a_cell_for_each_photo(tmp_path):
     cells = [Cell(f"p{i}", np.full((50, 80, 3), 200, np.uint8), (255, 255, 255)) for i in range(6)]
-    write_sheet(tmp_path / "s.png", cells)
+    write_cells(tmp_path / "s.png", cells)
     picture = np.asarray(Image.open(tmp_path / "s.png"))
     assert (picture == 200).all(-1).sum() >= 6 * 50 * 80

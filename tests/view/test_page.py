@@ -22,6 +22,7 @@ from lightprobe.imaging import read_mask, srgb_encode, write_exr, write_png
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition, ObjectVerdict
 from lightprobe.scene.record import read_record
+from tests.preparation.labelled_scene import BLOCK, labelled_scene, shown_at
 from tests.view.browsing import CHROMIUM, PATIENCE, Running, chromium
 from tests.view.finished_run import begun_run
 
@@ -56,14 +57,25 @@ def other_scene(scene, tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
+def box_scene(tmp_path_factory):
+    """A prepared scene, whose masks can be corrected by clicks, and what is kept of it."""
+    pytest.importorskip("cv2")
+    folder = tmp_path_factory.mktemp("scene") / "box"
+    folder.mkdir()
+    return folder, labelled_scene(folder)[0]
+
+
+@pytest.fixture(scope="module")
 def begun(tmp_path_factory):
     """A run whose training has begun."""
     return begun_run(tmp_path_factory.mktemp("begun"))
 
 
 @pytest.fixture(scope="module")
-def server(run, begun, scene, other_scene, tmp_path_factory):
-    running = Running([run.path, begun.path, scene, other_scene], tmp_path_factory.mktemp("session"))
+def server(run, begun, scene, other_scene, box_scene, tmp_path_factory):
+    running = Running(
+        [run.path, begun.path, scene, other_scene, box_scene[0]], tmp_path_factory.mktemp("session")
+    )
     yield running
     running.close()
 
@@ -306,6 +318,7 @@ def test_a_prediction_goes_on_while_the_server_cannot_be_asked(page, server, run
 def paint_a_line(page):
     """Paint along the upper edge of the photo on the easel."""
     page.wait_for_selector(".shots [aria-current]")
+    page.locator(".easel canvas").scroll_into_view_if_needed()
     easel = page.locator(".easel canvas").bounding_box()
     corner = [easel["x"] + 0.03 * easel["width"], easel["y"] + 0.05 * easel["height"]]
     page.mouse.move(*corner)
@@ -319,14 +332,14 @@ def test_a_painted_mask_is_saved_where_it_was_painted(page, server, scene, other
     page.get_by_label("Scene").select_option("1")
     page.wait_for_selector("text=Photos whose mask")
     page.wait_for_selector(".shots img[src*='scenes/1']")
+    page.get_by_label("Paint: add").check()
     paint_a_line(page)
     page.once("dialog", lambda dialog: dialog.dismiss())
     page.get_by_label("Scene").select_option("0")
     assert page.get_by_label("Scene").input_value() == "1"
     before = [(folder / "masks" / "b.png").read_bytes() for folder in (scene, other_scene)]
     page.get_by_text("Save the mask").click()
-    page.wait_for_selector("text=lightprobe prepare PHOTOS")
-    assert shlex.split(page.inner_text(".command code"))[-1] == str(other_scene)
+    page.wait_for_selector(".message >> text=give its prepare command once more")  # it was made by hand
     after = [(folder / "masks" / "b.png").read_bytes() for folder in (scene, other_scene)]
     assert [a == b for a, b in zip(before, after, strict=True)] == [True, False]
 
@@ -335,6 +348,7 @@ def test_a_mask_that_does_not_come_leaves_nothing_to_save(page, server):
     page.goto(f"{server.url}#masks")
     page.wait_for_selector(".shots [aria-current]")
     page.route(re.compile("scenes/0/photos/0/mask"), lambda route: route.abort())
+    page.get_by_label("Paint: add").check()
     page.locator(".shots button").nth(1).click()
     page.wait_for_selector(".message >> text=cannot be shown")
     box = page.locator(".easel canvas").bounding_box()
@@ -348,9 +362,10 @@ def test_a_mask_is_painted_and_a_box_is_kept(page, server, scene):
     page.goto(f"{server.url}#masks")
     page.wait_for_selector(".easel img[alt='The photo b']")  # that disagrees most
     before = read_mask(scene / "masks" / "b.png")
+    page.get_by_label("Paint: add").check()
     paint_a_line(page)
     page.get_by_text("Save the mask").click()
-    page.wait_for_selector("text=lightprobe prepare PHOTOS")
+    page.wait_for_selector(".message >> text=give its prepare command once more")
     after = read_mask(scene / "masks" / "b.png")
     assert after.shape == before.shape
     assert after[:6, :20].max() > 0.9
@@ -361,7 +376,38 @@ def test_a_mask_is_painted_and_a_box_is_kept(page, server, scene):
         page.keyboard.press("Tab")
     page.get_by_text("Keep the box").click()
     page.wait_for_selector("text=The box is kept")
+    assert shlex.split(page.inner_text(".command code"))[-1] == str(scene)
     assert json.loads((scene / "hint.json").read_text()) == {"photo": "b", "box": [20, 15, 60, 45]}
+
+
+def test_a_click_corrects_all_masks_and_is_taken_back(page, server, box_scene):
+    folder, labelled = box_scene
+
+    def masks():
+        return {path.stem: path.read_bytes() for path in (folder / "masks").iterdir()}
+
+    before = masks()
+    page.goto(f"{server.url}#masks")
+    page.get_by_label("Scene").select_option("2")
+    page.wait_for_selector(".shots img[src*='scenes/2']")
+    page.locator(".shots button", has_text="p_1").click()
+    page.wait_for_selector(".easel img[alt='The photo p_1']")
+    page.wait_for_selector(".shots [aria-current] >> text=p_1")
+    easel = page.locator(".easel canvas")
+    easel.scroll_into_view_if_needed()
+    size = easel.bounding_box()
+    x, y = shown_at(labelled, 1, BLOCK.mean(axis=0))
+    easel.click(position={"x": x * size["width"], "y": y * size["height"]})
+    page.wait_for_selector("text=All masks have taken it up")
+    page.wait_for_selector(".shots >> text=p_1, agreement")
+    page.wait_for_selector(".shots >> text=corrected")
+    assert sum(before[name] != after for name, after in masks().items()) > 1
+    page.get_by_label("Click: the object").check()
+    easel.click(position={"x": 0.5 * size["width"], "y": 0.6 * size["height"]})
+    page.wait_for_selector(".message >> text=inside of the mask already")
+    page.get_by_text("Forget this photo's corrections").click()
+    page.wait_for_selector(".shots:not(:has-text('corrected'))")
+    assert masks() == before
 
 
 def test_it_fits_a_telephone(page, server):

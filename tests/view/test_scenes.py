@@ -38,7 +38,7 @@ def test_a_painted_mask_is_written_at_the_size_of_its_photo(prepared, tmp_path):
     assert mask[:, :19].min() > 0.95
     assert mask[:, 21:].max() < 0.05
     about = prepared.to_json()
-    assert about["photos"] == [{"name": "a", "file": "a.png", "agreement": 0.7}]
+    assert about["photos"] == [{"name": "a", "file": "a.png", "agreement": 0.7, "corrected": False}]
     assert about["warnings"] == ["Look."]
 
 

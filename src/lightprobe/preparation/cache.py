@@ -47,9 +47,8 @@ class Cache:
         """Return the arrays of step `name` that are kept under `key`, None where none are."""
         path = named_file(self.folder, name, ".npz")
         try:
-            with zipfile.ZipFile(path) as archive:
-                if sum(part.file_size for part in archive.infolist()) > _LARGEST:
-                    return None
+            if not _is_step(path):
+                return None
             with np.load(path, allow_pickle=False) as stored:
                 if str(stored["key"]) != key:
                     return None
@@ -57,8 +56,24 @@ class Cache:
         except Exception:  # whatever the parsers of a damaged archive and its arrays run into
             return None
 
+    def newest(self, name: str, part: str) -> np.ndarray | None:
+        """Return one array, of any shape, of step `name`, of whatever key; None where none is kept."""
+        path = named_file(self.folder, name, ".npz")
+        try:
+            if not _is_step(path):
+                return None
+            with np.load(path, allow_pickle=False) as stored:
+                return np.asarray(stored[part])
+        except Exception:  # as in `find`
+            return None
+
     def keep(self, name: str, key: str, values: Mapping[str, np.ndarray]) -> None:
         """Keep the arrays of step `name` under `key`."""
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **{**values, "key": np.array(key)})  # type: ignore[arg-type]
         write_bytes(named_file(self.folder, name, ".npz"), buffer.getvalue())
+
+
+def _is_step(path: Path) -> bool:
+    with zipfile.ZipFile(path) as archive:
+        return sum(part.file_size for part in archive.infolist()) <= _LARGEST

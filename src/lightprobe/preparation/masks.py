@@ -3,33 +3,36 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.core.files import checksum, named_file
-from lightprobe.core.stored import read_object
-from lightprobe.imaging import read_mask, resize_area
-from lightprobe.preparation.cache import HIDDEN, Cache, key_of
+from lightprobe.imaging import resize_area
+from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.candidates import Choice
+from lightprobe.preparation.corrections import Corrections
+from lightprobe.preparation.labelled import (
+    Labelled,
+    Masks,
+    kept_labelled,
+    masks_of,
+    odds_of_bytes,
+    odds_to_bytes,
+)
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
 from lightprobe.preparation.salient_object import Box, log_odds
 from lightprobe.preparation.support_plane import SupportPlane, common_plane
-from lightprobe.preparation.voxel_labelling import Look, View, away, label_voxels, photo_evidence
+from lightprobe.preparation.voxel_labelling import Labelling, Look, View, away, label_voxels, photo_evidence
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
 OnProgress = Callable[[str, int, int], None]
 PLACE = 3  # photos that make a place: fewer may be what the others' light or table hides
-WRITTEN = "written.json"  # in the hidden folder: checksums of the masks as they were written
-_STEPS = 31  # to one of the odds' logarithm, as they are kept
 _REACH = 1.35  # radii of the object's points within which it may reach
 _FEWEST = 12  # points from which the object's place is known
 _SHARP = 2.0  # pixels of mean error up to which a point is trusted
@@ -41,11 +44,13 @@ class Cutting:
     """Cameras and masks of a scene's photos, by the photos' index."""
 
     choice: Choice
-    views: dict[int, View]
-    masks: dict[int, np.ndarray]  # (h, w) bool, small, as through a pinhole
-    agreement: dict[int, float]  # as in `Labelling`
-    hull: Hull  # the object's voxels above the plane it stands on, in the solution's frame
-    own: frozenset[str] = frozenset()  # names of the photos whose mask the user corrected
+    labelled: Labelled  # photos that have a camera
+    found: Masks
+    hull: (
+        Hull  # the object's voxels above the plane it stands on, in the solution's frame, before corrections
+    )
+    key: str = ""  # of the labelled voxels that are kept
+    corrections: Corrections = field(default_factory=Corrections)
     places: Mapping[int, int] = field(default_factory=dict)  # by photo, of an object that was carried about
     planes: Mapping[int, SupportPlane] = field(default_factory=dict)  # that the object stands on, by place
 
@@ -56,26 +61,34 @@ def cut_masks(
     choice: Choice,
     known: Mapping[int, np.ndarray],
     fixed: set[int],
-    own: Mapping[str, np.ndarray],
+    corrections: Corrections,
     cache: Cache,
+    key: str,
     on_progress: OnProgress,
 ) -> Cutting:
     """Return the masks of all photos that have a camera.
 
     known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
-    masks (H, W) bool, by name, that the user corrected in the scene. Raises `InputError` where no point of the object
+    masks (H, W) bool, by name, that the user corrected in the scene. key: of photos, cameras and hints. Raises `InputError` where no point of the object
     is found, `ConfigError` where photos without a mask are left and the network that finds objects is not installed.
     """
     solution = choice.kept.solution
     bends = solution.distortion()
     views = {
-        index: _view(photos[index], seen[index], camera, bends[index], known.get(index), index in fixed, own)
+        index: _view(seen[index], camera, bends[index], known.get(index), index in fixed)
         for index, camera in solution.cameras().items()
     }
-    look = _kept_look(photos, cache)
-    evidence = photo_evidence(views, look)
-    points = solution.points[object_points(solution, views, evidence)]
-    found = label_voxels(views, evidence, points, lambda *at: on_progress("masks", *at), look)
+
+    def label() -> Labelling:
+        look = _kept_look(photos, cache)
+        evidence = photo_evidence(views, look)
+        points = solution.points[object_points(solution, views, evidence)]
+        return label_voxels(views, evidence, points, lambda *at: on_progress("masks", *at), look)
+
+    names = {index: photos[index].name for index in views}
+    labelled = kept_labelled(cache, key, names, views, bends, label)
+    found = labelled.labelling
+    masks = masks_of(labelled, corrections, cache)
     places: dict[int, int] = {}
     planes: dict[int, SupportPlane] = {}
     on_object = _inside(found.hull, solution.points)
@@ -90,7 +103,7 @@ def cut_masks(
         large = [place for place, mine in by_place(each).items() if len(mine) >= PLACE]
         if len(large) > 1:
             places, planes = each, dict.fromkeys(large, plane)
-    return Cutting(choice, views, found.masks, found.agreement, hull, frozenset(own), places, planes)
+    return Cutting(choice, labelled, masks, hull, key, corrections, places, planes)
 
 
 def _kept_look(photos: Sequence[SourcePhoto], cache: Cache) -> Look:
@@ -98,11 +111,11 @@ def _kept_look(photos: Sequence[SourcePhoto], cache: Cache) -> Look:
 
     def look(photo: int, color: np.ndarray, box: Box | None) -> np.ndarray:
         def make() -> dict[str, np.ndarray]:
-            return {"odds": np.rint(log_odds(color, box) * _STEPS).astype(np.int8)}
+            return {"odds": odds_to_bytes(log_odds(color, box))}
 
         name = f"{'whole' if box is None else 'detail'}-{photos[photo].name}"
         key = key_of(hashlib.blake2b(color.tobytes()).hexdigest(), box)
-        return cache.arrays(name, key, make)["odds"].astype(np.float32) / _STEPS
+        return odds_of_bytes(cache.arrays(name, key, make)["odds"])
 
     return look
 
@@ -151,49 +164,13 @@ def _inside(hull: Hull, points: np.ndarray) -> np.ndarray:
     return found
 
 
-def _view(
-    photo: SourcePhoto,
-    each: Seen,
-    camera: Camera,
-    k: float,
-    known: np.ndarray | None,
-    fixed: bool,
-    own: Mapping[str, np.ndarray],
-) -> View:
+def _view(each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool) -> View:
     """Return one photo as through a pinhole, with what is known of its mask."""
     height, width = each.color.shape[:2]
     small = camera.resized(width, height)
     color = straight(each.color, small, k)
-    if photo.name in own:
-        return View(small, color, resize_area(own[photo.name].astype(np.float32), height, width) >= 0.5, True)
     if known is None:
         return View(small, color, None, False)
     is_small = known.shape == (height, width)
     mask = known if is_small else resize_area(known.astype(np.float32), height, width) >= 0.5
     return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
-
-
-def written_masks(output: Path) -> dict[str, list[Any]]:
-    """Return the checksums of a scene's masks as they were written, by name, none where none were.
-
-    The newest comes first; an older one is there for a run that ended while masks took each other's place.
-    Raises `InputError` for a record that is damaged.
-    """
-    record = output / HIDDEN / WRITTEN
-    found = read_object(record, "remove it and prepare the scene anew") if record.is_file() else {}
-    return {name: value if isinstance(value, list) else [value] for name, value in found.items()}
-
-
-def own_masks(photos: Sequence[SourcePhoto], output: Path) -> dict[str, np.ndarray]:
-    """Return the masks (H, W) bool, by name, that were changed in the scene since they were written there."""
-    if not (output / HIDDEN / WRITTEN).is_file():
-        return {}
-    written, corrected = written_masks(output), output / HIDDEN / "corrected"
-    found = {}
-    for photo in photos:
-        path, kept = (named_file(folder, photo.name, ".png") for folder in (output / "masks", corrected))
-        if path.is_file() and checksum(path) not in written.get(photo.name, ()):
-            found[photo.name] = read_mask(path) >= 0.5
-        elif kept.is_file():
-            found[photo.name] = read_mask(kept) >= 0.5
-    return found

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,8 @@ from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
 from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
-from lightprobe.preparation.masks import cut_masks, own_masks
+from lightprobe.preparation.mask_files import own_corrections
+from lightprobe.preparation.masks import cut_masks
 from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
 from lightprobe.preparation.output import finished, write_scene
 from lightprobe.preparation.photos import FEWEST, SourcePhoto, source_photos
@@ -23,7 +25,7 @@ from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
-_EDITION = 3  # raised when finished scenes would come out otherwise: the same command then makes them anew
+_EDITION = 4  # raised when finished scenes would come out otherwise: the same command then makes them anew
 _LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 
@@ -68,14 +70,19 @@ def prepare(
     check_output(output)
     with disk_errors(output):
         (output / HIDDEN).mkdir(parents=True, exist_ok=True)
-    busy = f"{output} is being prepared by another process; wait for it to end."
-    with locked_file(output / HIDDEN / _LOCK, busy):
+    with locked_scene(output):
         given = _key(photos)
         whole = key_of(_EDITION, given, _checksums(hints), asdict(options))
         report = finished(output, whole)
         if report is None:
             report = _work(photos, hints, options, (given, whole), output, on_progress)
     return Prepared(output, report)
+
+
+def locked_scene(output: Path) -> AbstractContextManager[None]:
+    """Keep other processes from writing a scene; raise `ResourceError` when one does."""
+    busy = f"{output} is being prepared by another process; wait for it to end."
+    return locked_file(output / HIDDEN / _LOCK, busy)
 
 
 def _key(photos: Sequence[SourcePhoto]) -> str:
@@ -108,7 +115,7 @@ def _work(
     features, focal = [each.features for each in seen], [photo.focal_ratio for photo in photos]
     given = {index: each.given >= 0.5 for index, each in enumerate(seen) if each.given is not None}
     known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
-    own = own_masks(photos, output)
+    corrections = own_corrections([photo.name for photo in photos], output)
 
     def cameras(shown: Mapping[int, np.ndarray]) -> Choice:
         inside = inside_masks(features, shown) if shown else None
@@ -123,10 +130,10 @@ def _work(
         return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
     choice = kept_choice(cache, "cameras", key_of(keys[0], options.seed), lambda: cameras(given))
+    hinted = key_of(keys[0], _checksums(hints), options.seed)
     if hints and len(choice.tried) > 1:
-        hinted = key_of(keys[0], _checksums(hints), options.seed)
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
-    cutting = cut_masks(photos, seen, choice, known, set(given), own, cache, on_progress)
+    cutting = cut_masks(photos, seen, choice, known, set(given), corrections, cache, hinted, on_progress)
     return write_scene(output, photos, seen, matches, cutting, options, keys[1], on_progress)
 
 

@@ -9,7 +9,7 @@ odds that a pixel shows the object:
 r is one half at first; deep inside the silhouette of the labels so far other voxels show, and r is nearly 1. The
 labels are the minimum cut between the sums of votes and the area of the boundary (Campbell, Vogiatzis, Hernandez,
 Cipolla 2010). Then the network looks closer, at details around the silhouettes, and photos whose object is not where
-the others have it lose their weight. The masks are the silhouettes, with outlines that follow edges of the photo.
+the others have it lose their weight. `outlines` makes masks of the silhouettes.
 """
 
 from collections.abc import Callable, Mapping
@@ -20,7 +20,6 @@ import scipy
 
 from lightprobe.core.threads import in_threads
 from lightprobe.kernels import vote_on_voxels
-from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.minimum_cut import minimum_cut
 from lightprobe.preparation.salient_object import CERTAIN, Box, log_odds
 from lightprobe.scene.camera import Camera
@@ -50,13 +49,6 @@ _SPECK = 0.001  # of the largest piece: smaller ones are noise; a ball on an aer
 _NO_WEIGHT = 0.5  # IoU with the silhouette up to which a photo hardly counts,
 _FULL_WEIGHT = 0.8  # and from which it counts
 _LEAST_WEIGHT = 0.05
-_EDGE_STEPS = 40  # of the cut in a photo
-_EDGE = 4.0  # cost of a pixel's side along the outline where colours are even
-_CONTRAST = 8.0  # 8-bit CIELAB: difference between neighbours where an outline costs half as much
-_FREE = 0.1  # of that cost remains at a strong edge
-_SLOPE = 0.5  # logarithm by which a pixel is likelier inside for each pixel to the volume's outline
-_FAR, _BOUND = 6.0, 3.0  # logarithms that the outline is worth at most, outside and inside
-_WIDER = 0.5  # pixels by which silhouettes are too wide
 
 
 @dataclass(frozen=True)
@@ -71,12 +63,11 @@ class View:
 
 @dataclass(frozen=True)
 class Labelling:
-    """The object's voxels, and its masks in the photos."""
+    """The object's voxels, and what single photos say of their pixels."""
 
     hull: Hull
-    masks: dict[int, np.ndarray]  # (h, w) bool by photo
-    # The lower IoU of each mask: with what the photo alone shows of the object, and with what all photos show.
-    agreement: dict[int, float]
+    evidence: dict[int, np.ndarray]  # L (h, w) by photo
+    shapes: dict[int, np.ndarray]  # (h, w) bool by photo: the silhouettes of the voxels
 
 
 OnRound = Callable[[int, int], None]
@@ -96,11 +87,11 @@ def label_voxels(
     on_round: OnRound = lambda done, total: None,
     look: Look = look_at,
 ) -> Labelling:
-    """Return the object's voxels and masks.
+    """Return the object's voxels, and what photos and details show of it.
 
     evidence: L (h, w) of whole photos, as `photo_evidence` gives it. points (P, 3): on the object.
     """
-    volume, total = _Volume(views, evidence, points, look), 4
+    volume, total = _Volume(views, evidence, points, look), 3
     volume.label()
     on_round(1, total)
     volume.look_closer()
@@ -109,13 +100,7 @@ def label_voxels(
     for _ in range(2):
         volume.label()
     on_round(3, total)
-    masks = volume.masks()
-    on_round(4, total)
-    agreement = {
-        photo: min(overlap(mask, volume.evidence[photo] > 0), overlap(mask, volume.shapes[photo]))
-        for photo, mask in masks.items()
-    }
-    return Labelling(volume.hull, masks, agreement)
+    return Labelling(volume.hull, volume.evidence, volume.shapes)
 
 
 def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int, np.ndarray]:
@@ -196,7 +181,7 @@ class _Volume:
     def label(self) -> None:
         """Label the voxels anew."""
         votes, seen = self._votes()
-        solid = _SOLID * np.clip(_depth(self.hull.occupancy) - 1, 0, _CORE)
+        solid = _SOLID * np.clip(depth_inside(self.hull.occupancy) - 1, 0, _CORE)
         evidence = np.tanh((votes + solid) / _ENOUGH)
         evidence[self._outside | (seen < max(2, _SEEN * len(self._views)))] = -CERTAIN
         occupied = minimum_cut(evidence, _AREA, _STEPS, self.hull.voxel.tolist())
@@ -225,49 +210,21 @@ class _Volume:
         shows = np.full(evidence.shape, _SHOWS)
         if shape is not None and shape.any():
             width = max(2.0, _DEEP * np.sqrt(shape.sum()))
-            shows += (_SHOWS_DEEP - _SHOWS) * np.clip(_depth(shape) / width - 1, 0, 1)
+            shows += (_SHOWS_DEEP - _SHOWS) * np.clip(depth_inside(shape) / width - 1, 0, 1)
         votes = np.maximum(-np.log(shows + (1 - shows) * np.exp(-_TRUST * evidence)), -_AGAINST)
-        return np.round(votes * self._weight(photo) * _SCALE).astype(np.int8)
-
-    def _weight(self, photo: int) -> float:
-        """Return how much a photo's evidence counts: little where its object is not where the others have it."""
-        if photo not in self.shapes or self._views[photo].given is not None:
-            return 1.0
-        same = overlap(self.evidence[photo] > 0, self.shapes[photo])
-        return float(np.clip((same - _NO_WEIGHT) / (_FULL_WEIGHT - _NO_WEIGHT), _LEAST_WEIGHT, 1))
-
-    def masks(self) -> dict[int, np.ndarray]:
-        """Return the masks (h, w) bool, by photo."""
-
-        def mask(photo: int) -> np.ndarray:
-            view = self._views[photo]
-            if view.fixed and view.given is not None:
-                return view.given
-            return edge_cut(view.color, self._weight(photo) * self.evidence[photo], self.shapes[photo])
-
-        return dict(zip(self._views, in_threads(mask, self._views), strict=True))
+        weight = 1.0 if shape is None else photo_weight(self._views[photo], evidence, shape)
+        return np.round(votes * weight * _SCALE).astype(np.int8)
 
 
-def edge_cut(color: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> np.ndarray:
-    """Return the mask (h, w) bool near the volume's silhouette `shape` (h, w) bool, along edges of the photo.
+def photo_weight(view: View, evidence: np.ndarray, shape: np.ndarray) -> float:
+    """Return how much a photo's evidence counts: little where its object is not where the others have it.
 
-    color: (h, w, 3) uint8 sRGB. evidence: L (h, w).
+    evidence: L (h, w) of the photo. shape (h, w) bool: the voxels' silhouette.
     """
-    if not shape.any():
-        return shape
-    lab = opencv_library().cvtColor(color, opencv_library().COLOR_RGB2LAB).astype(np.float32)
-    distance = np.where(shape, _depth(shape) - 0.5, 0.5 - away(shape)) - _WIDER
-    evidence = evidence + np.clip(_SLOPE * distance, -_FAR, _BOUND)
-    down, right = np.zeros(shape.shape), np.zeros(shape.shape)
-    down[:-1], right[:, :-1] = (np.diff(lab, axis=0) ** 2).sum(-1), (np.diff(lab, axis=1) ** 2).sum(-1)
-    cost = _EDGE * (_FREE + (1 - _FREE) * np.exp(-(down + right) / (2 * _CONTRAST**2)))
-    rows, columns = (np.flatnonzero((distance > -_FAR / _SLOPE).any(axis=axis)) for axis in (1, 0))
-    window = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    mask = np.zeros(shape.shape, bool)
-    mask[window] = minimum_cut(evidence[window], cost[window], _EDGE_STEPS)
-    return mask | (
-        scipy.ndimage.binary_fill_holes(mask) & shape
-    )  # what the volume fills is a spot, no opening
+    if view.given is not None:
+        return 1.0
+    same = overlap(evidence > 0, shape)
+    return float(np.clip((same - _NO_WEIGHT) / (_FULL_WEIGHT - _NO_WEIGHT), _LEAST_WEIGHT, 1))
 
 
 def _box_of_mask(mask: np.ndarray) -> Box:
@@ -296,7 +253,7 @@ def _main_pieces(occupied: np.ndarray) -> np.ndarray:
     return (sizes >= _SPECK * sizes.max())[pieces] & occupied
 
 
-def _depth(mask: np.ndarray) -> np.ndarray:
+def depth_inside(mask: np.ndarray) -> np.ndarray:
     """Return how deep inside `mask` cells lie, of any shape; the border of the grid is no end of it."""
     if mask.all():
         return np.full(mask.shape, float(sum(mask.shape)))

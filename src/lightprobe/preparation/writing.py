@@ -194,7 +194,7 @@ def full_size(camera: Camera, photo: SourcePhoto) -> Camera:
     return replace(camera.resized(photo.width, photo.height), fy=camera.fx * photo.width / camera.width)
 
 
-def write_sheet(path: Path, cells: Sequence[Cell]) -> None:
+def write_cells(path: Path, cells: Sequence[Cell]) -> None:
     """Write a sheet of pictures as PNG, each at most 200 pixels long."""
     small = [replace(cell, picture=_small(cell.picture)) for cell in cells]
     with atomic_path(path) as temporary:

@@ -14,11 +14,11 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
 from lightprobe.core.errors import InputError
-from lightprobe.core.files import inside, named_file, shell_word, write_bytes
+from lightprobe.core.files import inside, named_file, write_bytes
 from lightprobe.imaging import read_ldr
 from lightprobe.scene.record import read_record
 from lightprobe.view.pictures import jpeg, light_texels, run_photo
-from lightprobe.view.scenes import SceneSource, mask_picture, save_box, save_mask
+from lightprobe.view.scenes import SceneSource, mask_picture, save_box, save_mask, thumbnail
 from lightprobe.view.sources import RunPhoto, RunSource, Sources
 from lightprobe.view.tasks import TaskKind, Tasks
 from lightprobe.view.uploads import LIMITS, UploadKind, Uploads
@@ -295,24 +295,54 @@ def scene_mask(number: int, scene: SceneArg) -> Response:
     return Response(mask_picture(scene, number), media_type="image/png")
 
 
+@router.get("/scenes/{index}/photos/{number}/thumbnail")
+def scene_thumbnail(number: int, scene: SceneArg) -> Response:
+    """Return a photo, small, with the outline of its mask."""
+    return _picture(thumbnail(scene, number))
+
+
 @router.put("/scenes/{index}/photos/{number}/mask")
 async def correct_mask(number: int, request: Request, scene: SceneArg, session: SessionArg) -> dict[str, Any]:
-    """Take a painted mask as the body, a PNG, and write it into the scene."""
+    """Take a painted mask as the body, a PNG, write it into the scene and have all masks take it up; the answer is a task."""
     painted = session.folder / f"mask-{secrets.token_hex(8)}.png"
     try:
         with renaming({painted: "The mask"}):
             await receive_file(request, painted, _LARGEST_MASK, "The mask")
-            written = await run_in_threadpool(save_mask, scene, number, painted)
+            await run_in_threadpool(save_mask, scene, number, painted)
     finally:
         painted.unlink(missing_ok=True)
-    command = f"lightprobe prepare PHOTOS -o {shell_word(scene.folder)}"
-    return {"file": str(written), "command": command}
+    return _correction(session, scene, number)
+
+
+class Click(BaseModel):
+    """A place in a photo, in shares of its width and height, and whether the object is there."""
+
+    at: tuple[_Share, _Share]
+    object: bool
+
+
+@router.post("/scenes/{index}/photos/{number}/clicks")
+def click_mask(number: int, click: Click, scene: SceneArg, session: SessionArg) -> dict[str, Any]:
+    """Have a mask corrected by a click on what is the object or is not, and all others by it; the answer is a task."""
+    return _correction(session, scene, number, **click.model_dump())
+
+
+@router.post("/scenes/{index}/photos/{number}/forget")
+def forget_correction(number: int, scene: SceneArg, session: SessionArg) -> dict[str, Any]:
+    """Have a photo's corrections taken back, and all masks made without them; the answer is a task."""
+    return _correction(session, scene, number, forget=True)
 
 
 @router.put("/scenes/{index}/box")
 def draw_box(drawn: Box, scene: SceneArg) -> dict[str, Any]:
     """Keep a box around the object."""
     return {"command": save_box(scene, drawn.photo, drawn.box)}
+
+
+def _correction(session: Session, scene: SceneSource, number: int, **asked: Any) -> dict[str, Any]:
+    photo = scene.mask_file(number).stem
+    request = {"scene": str(scene.folder), "photo": photo, "at": None, "forget": False, **asked}
+    return session.tasks.submit(TaskKind.CORRECT, photo, request).to_json()
 
 
 def _photo(source: RunSource, number: int) -> RunPhoto:

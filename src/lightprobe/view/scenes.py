@@ -11,13 +11,24 @@ from PIL import Image
 
 from lightprobe.core.errors import ConfigError, InputError
 from lightprobe.core.files import inside, read_json, shell_word
-from lightprobe.imaging import IMAGE_SUFFIXES, image_size, read_mask, shrink_area, write_mask
+from lightprobe.imaging import (
+    IMAGE_SUFFIXES,
+    image_size,
+    read_ldr,
+    read_mask,
+    resize_area,
+    shrink_area,
+    srgb_encode,
+    write_mask,
+)
 from lightprobe.preparation.options import store_hint, stored_hint
+from lightprobe.preparation.writing import outlined
 from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
 
 PREPARED = "prepare.json"  # marks a scene that `lightprobe prepare` made
 MASK_SIDE = 1600  # pixels of the longer side at which masks are painted
+_THUMBNAIL = 240  # pixels of the longer side of a photo in the list
 
 
 @dataclass(frozen=True)
@@ -51,12 +62,19 @@ class SceneSource:
         report = report if isinstance(report, dict) else {}
         agreement = report.get("mask_agreement")
         agreement = agreement if isinstance(agreement, dict) else {}
+        corrected = report.get("masks_corrected")
+        corrected = corrected if isinstance(corrected, list) else []
         return {
             "name": self.folder.resolve().name,
             "folder": str(self.folder),
             "prepared": self.prepared,
             "photos": [
-                {"name": path.stem, "file": path.name, "agreement": agreement.get(path.stem)}
+                {
+                    "name": path.stem,
+                    "file": path.name,
+                    "agreement": agreement.get(path.stem),
+                    "corrected": path.stem in corrected,
+                }
                 for path in self.images()
             ],
             "warnings": [text for text in report.get("warnings", []) if isinstance(text, str)],
@@ -75,6 +93,18 @@ def mask_picture(scene: SceneSource, index: int) -> bytes:
         mask = np.zeros((max(round(height * scale), 1), max(round(width * scale), 1)), np.float32)
     buffer = io.BytesIO()
     Image.fromarray(np.rint(255 * np.clip(mask, 0, 1)).astype(np.uint8)).save(buffer, "PNG", compress_level=1)
+    return buffer.getvalue()
+
+
+def thumbnail(scene: SceneSource, index: int) -> bytes:
+    """Return a photo as small JPEG, with the outline of its mask; raise `InputError` for a damaged file."""
+    color = shrink_area(read_ldr(scene.image(index))[0], _THUMBNAIL)
+    picture = np.rint(255 * srgb_encode(np.clip(color, 0, 1))).astype(np.uint8)
+    mask = scene.mask_file(index) if scene.prepared else None
+    if mask is not None and mask.is_file():
+        picture = outlined(picture, resize_area(read_mask(mask), *picture.shape[:2]) >= 0.5)
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, "JPEG", quality=85)
     return buffer.getvalue()
 
 

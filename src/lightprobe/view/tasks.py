@@ -30,9 +30,12 @@ class TaskKind(StrEnum):
     PREVIEW = "preview"
     LOAD = "load"
     """Only what the first prediction of a run would wait for."""
+    CORRECT = "correct"
+    """A correction of one mask, taken up by all masks of its scene."""
 
 
-DEADLINES = {TaskKind.PREDICT: 600.0, TaskKind.INSERT: 600.0, TaskKind.PREVIEW: 300.0, TaskKind.LOAD: 300.0}
+DEADLINES = dict.fromkeys((TaskKind.PREVIEW, TaskKind.LOAD, TaskKind.CORRECT), 300.0)
+DEADLINES |= dict.fromkeys((TaskKind.PREDICT, TaskKind.INSERT), 600.0)
 """Seconds after which a task is stopped; the first of a run also loads it."""
 
 

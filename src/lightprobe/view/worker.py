@@ -22,6 +22,7 @@ from lightprobe.jobs.insertion import doubt_about_up
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import plane
 from lightprobe.prediction.confidence import confidence_colors
+from lightprobe.preparation.correcting import click_mask, correct_masks, forget_correction
 from lightprobe.scene.background import is_opaque
 from lightprobe.scene.camera import Camera
 from lightprobe.view.checkpoint_preview import CheckpointPreviews
@@ -68,6 +69,8 @@ class Worker:
         folder, kind = Path(task["folder"]), TaskKind(task["task"])
         if kind is TaskKind.PREVIEW:
             return self._previews.write(Path(task["run"]), folder, tell)
+        if kind is TaskKind.CORRECT:
+            return _correct(task, tell)
         if kind is TaskKind.LOAD:
             return _load(self._sessions, task)
         told = (_predict if kind is TaskKind.PREDICT else _insert)(self._sessions, task, folder, tell)
@@ -75,6 +78,19 @@ class Worker:
             {"name": name, "title": words} for name, words in _TITLES.items() if (folder / name).is_file()
         ]
         return {**told, "files": files}
+
+
+def _correct(task: dict[str, Any], tell: Tell) -> dict[str, Any]:
+    """Take up what a person clicked on, painted or takes back in the mask of `photo` of a `scene`."""
+    scene = Path(task["scene"])
+    tell("reading what is known of the scene")
+    if task["at"] is not None:
+        click_mask(scene, task["photo"], tuple(task["at"]), task["object"], tell)
+    elif task["forget"]:
+        forget_correction(scene, task["photo"], tell)
+    else:
+        correct_masks(scene, tell)
+    return {}
 
 
 def _load(sessions: Sessions, task: dict[str, Any]) -> dict[str, Any]:

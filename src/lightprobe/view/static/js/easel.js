@@ -15,7 +15,7 @@ export class Easel {
     this.mode = "paint";
     [this.layer, this.history, this.box] = [null, [], null];
     this.changed = false;
-    this.onSize = this.onBox = () => {};
+    this.onSize = this.onBox = this.onClick = () => {};
     this.canvas.addEventListener("pointerdown", (event) => this.#down(event));
     this.canvas.addEventListener("pointermove", (event) => this.#move(event));
     for (const end of ["pointerup", "pointercancel"]) this.canvas.addEventListener(end, () => this.#up());
@@ -108,12 +108,13 @@ export class Easel {
     if (!this.layer || event.button > 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.cursor = this.#place(event);
-    if (this.mode === "box") this.corner = this.cursor;
+    if (this.#clicks) this.#click();
+    else if (this.mode === "box") this.corner = this.cursor;
     else {
       this.#remember();
       this.#stroke(this.cursor, this.cursor);
     }
-    this.down = true;
+    this.down = !this.#clicks;
   }
 
   #move(event) {
@@ -141,6 +142,16 @@ export class Easel {
     const [ax, ay, bx, by] = [this.corner[0] / w, this.corner[1] / h, x / w, y / h].map(share);
     this.box = [Math.min(ax, bx), Math.min(ay, by), Math.max(ax, bx), Math.max(ay, by)];
     this.onBox(this.box);
+  }
+
+  get #clicks() {
+    return this.mode === "object" || this.mode === "other";
+  }
+
+  /** Tell of a click: its place in shares of the photo, and whether the object is there. */
+  #click() {
+    const share = (value) => Math.min(Math.max(value, 0), 1);
+    this.onClick([share(this.cursor[0] / this.canvas.width), share(this.cursor[1] / this.canvas.height)], this.mode === "object");
   }
 
   get #radius() {
@@ -179,7 +190,8 @@ export class Easel {
   }
 
   #space() {
-    if (this.mode === "box") this.corner = this.corner ? null : this.cursor;
+    if (this.#clicks) this.#click();
+    else if (this.mode === "box") this.corner = this.corner ? null : this.cursor;
     else {
       this.#remember();
       this.#stroke(this.cursor, this.cursor);
@@ -199,9 +211,9 @@ export class Easel {
       pen.strokeStyle = "#7fb2e5";
       pen.strokeRect(this.box[0] * w, this.box[1] * h, (this.box[2] - this.box[0]) * w, (this.box[3] - this.box[1]) * h);
     }
-    pen.strokeStyle = this.mode === "erase" ? "#ff8d7a" : "#ffffff";
+    pen.strokeStyle = this.mode === "erase" || this.mode === "other" ? "#ff8d7a" : "#ffffff";
     pen.beginPath();
-    if (this.mode === "box") {
+    if (this.mode === "box" || this.#clicks) {
       pen.moveTo(this.cursor[0], 0);
       pen.lineTo(this.cursor[0], h);
       pen.moveTo(0, this.cursor[1]);

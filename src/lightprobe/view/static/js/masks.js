@@ -1,6 +1,6 @@
-// The page "Masks": photos of a scene, a mask to paint over, a box to draw around the object.
+// The page "Masks": photos of a scene, a mask to correct by clicks or by painting, a box to draw around the object.
 
-import { getJson, sendBytes, sendJson } from "./api.js";
+import { follow, getJson, sendBytes, sendJson } from "./api.js";
 import { guarded } from "./app.js";
 import { $, el, fillSelect, say } from "./dom.js";
 import { Easel } from "./easel.js";
@@ -10,6 +10,7 @@ import { state } from "./state.js";
 const page = {};
 let scene = null; // {index, photos, ...}
 let held = null; // {scene, photo}: what is on the easel, by their numbers
+let working = false; // whether a correction is being taken up
 
 export async function show() {
   if (!page.shots) build();
@@ -46,22 +47,31 @@ async function openScene(index) {
   }
   if (before !== scene || Number(page.scene.value) !== index) return; // another one was chosen meanwhile
   page.easel.clear();
-  [scene, held] = [{ index, ...told }, null];
-  scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => (a.agreement ?? 2) - (b.agreement ?? 2));
+  take(index, told);
+  held = null;
   const about = scene.prepared
-    ? "Photos whose mask disagrees most with the others come first. Paint over what is wrong, save, and prepare the scene again."
+    ? "Photos whose mask disagrees most with the others come first. Click on what is the object but left out, or on what is not but taken for it; all photos follow in seconds."
     : "This folder has no masks yet. Draw a box around the object in one photo, and prepare the scene with it.";
-  page.notes.replaceChildren(el("p", { textContent: about }), ...scene.warnings.map((text) => el("p", { className: "verdict doubtful", textContent: text })));
+  page.about = about;
   buildTools();
   page.command.replaceChildren(...(scene.hint ? [el("p", { className: "quiet", textContent: `A box is kept: ${scene.hint}` })] : []));
   listShots();
   if (scene.order.length) await openPhoto(scene.order[0].number);
 }
 
+/** Take what the server tells of a scene. */
+function take(index, told) {
+  scene = { index, ...told, now: Date.now() };
+  scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => (a.agreement ?? 2) - (b.agreement ?? 2));
+}
+
 function listShots() {
+  const warnings = scene.warnings.map((text) => el("p", { className: "verdict doubtful", textContent: text }));
+  page.notes.replaceChildren(el("p", { textContent: page.about }), ...warnings);
   page.shots.replaceChildren(...scene.order.map((photo) => {
-    const words = photo.agreement === null || photo.agreement === undefined ? photo.name : `${photo.name}, agreement ${photo.agreement.toFixed(2)}`;
-    const button = el("button", { type: "button", onclick: () => guarded(() => openPhoto(photo.number)) }, el("img", { src: `/api/scenes/${scene.index}/photos/${photo.number}/picture`, alt: "", loading: "lazy" }), words);
+    const agreement = photo.agreement === null || photo.agreement === undefined ? "" : `, agreement ${photo.agreement.toFixed(2)}`;
+    const words = `${photo.name}${agreement}${photo.corrected ? ", corrected" : ""}`;
+    const button = el("button", { type: "button", onclick: () => guarded(() => openPhoto(photo.number)) }, el("img", { src: `/api/scenes/${scene.index}/photos/${photo.number}/thumbnail?now=${scene.now}`, alt: "", loading: "lazy" }), words);
     if (photo.number === held?.photo) button.setAttribute("aria-current", "true");
     return el("li", {}, button);
   }));
@@ -80,21 +90,42 @@ async function openPhoto(number) {
 
 function buildTools() {
   const easel = page.easel;
-  const modes = scene.prepared ? [["paint", "Add"], ["erase", "Take away"], ["box", "Box"]] : [["box", "Box"]];
+  const corrections = [["other", "Click: not the object"], ["object", "Click: the object"], ["paint", "Paint: add"], ["erase", "Paint: take away"]];
+  const modes = [...(scene.prepared ? corrections : []), ["box", "Box"]];
   easel.setMode(modes[0][0]);
   const button = (textContent, work, className = "") => el("button", { type: "button", textContent, className, onclick: () => guarded(work) });
   const size = el("input", { type: "range", min: 1, max: 100, value: easel.size, "aria-label": "Size of the brush" });
   size.addEventListener("input", () => (easel.size = Number(size.value)));
+  easel.onClick = (at, object) => guarded(() => click(at, object));
   easel.onSize = (value) => (size.value = value);
   const edges = ["left", "top", "right", "bottom"].map((word, i) =>
     el("input", { type: "number", min: 0, max: 100, step: 0.5, "aria-label": `Box, ${word}, percent`, placeholder: word, onchange: (event) => easel.setEdge(i, Number(event.target.value) / 100) }));
   easel.onBox = (box) => edges.forEach((input, i) => (input.value = box ? (100 * box[i]).toFixed(1) : ""));
   page.tools.replaceChildren(
     choose("mask-mode", modes, (mode) => easel.setMode(mode)),
-    ...(scene.prepared ? [el("label", { className: "row" }, "Brush", size), button("Undo", () => easel.undo()), button("Save the mask", saveMask, "primary")] : []),
+    ...(scene.prepared ? [el("label", { className: "row" }, "Brush", size), button("Undo", () => easel.undo()), button("Save the mask", saveMask, "primary"), button("Forget this photo's corrections", forget)] : []),
     ...edges, button("Keep the box", saveBox),
-    el("p", { className: "quiet", textContent: "Keys on the picture: arrows move, Space paints or sets a corner, [ and ] change the brush, Ctrl+Z takes back." }),
+    el("p", { className: "quiet", textContent: "Keys on the picture: arrows move, Space clicks, paints or sets a corner, [ and ] change the brush, Ctrl+Z takes back." }),
   );
+}
+
+const photoOf = ({ scene, photo }) => `/api/scenes/${scene}/photos/${photo}`;
+
+async function click(at, object) {
+  if (page.easel.changed) {
+    say("Save what is painted first, or take it back.", { key: "mask", info: true, seconds: 4 });
+    return;
+  }
+  await takeUp(() => sendJson("POST", `${photoOf(held)}/clicks`, { at, object }));
+}
+
+async function forget() {
+  if (!scene.photos[held?.photo]?.corrected) {
+    say("Nothing was corrected in this photo.", { key: "mask", info: true, seconds: 4 });
+    return;
+  }
+  page.easel.changed = false;
+  await takeUp(() => sendJson("POST", `${photoOf(held)}/forget`));
 }
 
 async function saveMask() {
@@ -104,15 +135,38 @@ async function saveMask() {
   }
   const { opening } = page.easel;
   const mask = await page.easel.mask();
-  page.easel.changed = false; // what is painted from here on is not in it
-  let answer;
+  await takeUp(async () => {
+    page.easel.changed = false; // what is painted from here on is not in it
+    try {
+      return await sendBytes("PUT", `${photoOf(held)}/mask`, mask);
+    } catch (error) {
+      if (opening === page.easel.opening) page.easel.changed = true;
+      throw error;
+    }
+  });
+}
+
+/** Have a correction taken up by all masks, and show them. `submit` returns the task. */
+async function takeUp(submit) {
+  if (working || !held) return;
+  const { scene: index, photo } = held;
+  working = true;
+  const words = el("p", { className: "quiet", textContent: "…" });
+  page.command.replaceChildren(words);
   try {
-    answer = await sendBytes("PUT", `/api/scenes/${held.scene}/photos/${held.photo}/mask`, mask);
+    let task = await submit();
+    task = await follow(task, (now) => (words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Beginning"}…`));
   } catch (error) {
-    if (opening === page.easel.opening) page.easel.changed = true;
+    words.textContent = "";
     throw error;
+  } finally {
+    working = false;
   }
-  next(`Saved as ${answer.file}. The same command as before takes it up, where PHOTOS is the folder or video it was made from:`, answer.command);
+  words.textContent = "All masks have taken it up.";
+  if (scene.index !== index) return; // another one was chosen meanwhile
+  take(index, await getJson(`/api/scenes/${index}`));
+  listShots();
+  if (held?.photo === photo && !page.easel.changed) await openPhoto(photo);
 }
 
 async function saveBox() {

@@ -1,0 +1,182 @@
+"""The object's voxels and what photos show of it, kept so that a correction of masks starts from them."""
+
+import hashlib
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightprobe.core.threads import in_threads
+from lightprobe.imaging import resize_area
+from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.corrections import Change, Corrections, corrected
+from lightprobe.preparation.features import opencv_library
+from lightprobe.preparation.outlines import agreement, outlined_mask
+from lightprobe.preparation.voxel_labelling import Labelling, View
+from lightprobe.preparation.writing import straight
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.hull import Hull
+
+_STEP = "labelling"
+_ODDS = 31  # steps to one of the odds' logarithm, as they are kept
+
+
+@dataclass(frozen=True)
+class Labelled:
+    """Photos that have a camera, by their index, and the object's voxels in them."""
+
+    names: Mapping[int, str]
+    views: Mapping[int, View]
+    bends: Mapping[int, float]  # of each photo's lens, as in `Solution.distortion`
+    labelling: Labelling
+
+
+@dataclass(frozen=True)
+class Masks:
+    """Masks of photos, by their index."""
+
+    masks: dict[int, np.ndarray]  # (h, w) bool, small, as through a pinhole
+    agreement: dict[int, float]  # as in `outlines.agreement`
+    keys: dict[int, str]  # of all that each mask depends on
+
+
+def kept_labelled(
+    cache: Cache,
+    key: str,
+    names: Mapping[int, str],
+    views: Mapping[int, View],
+    bends: Mapping[int, float],
+    make: Callable[[], Labelling],
+) -> Labelled:
+    """Return photos with the labelling that is kept under `key`, or that `make` makes."""
+
+    def arrays() -> dict[str, np.ndarray]:
+        made = make()
+        found = {"occupancy": made.hull.occupancy, "lo": made.hull.lo, "hi": made.hull.hi}
+        found["photos"] = np.array(list(views), np.int64)
+        found["names"] = np.array([names[photo] for photo in views])
+        found["bends"] = np.array([bends[photo] for photo in views])
+        found["poses"] = np.stack([view.camera.camera_to_world for view in views.values()])
+        found["lenses"] = np.array([_lens(view.camera) for view in views.values()])
+        found["fixed"] = np.array([view.fixed for view in views.values()])
+        for photo, view in views.items():
+            found[f"shape-{photo}"] = made.shapes[photo]
+            found[f"odds-{photo}"] = odds_to_bytes(made.evidence[photo])
+            if view.given is not None:
+                found[f"given-{photo}"] = view.given
+        return found
+
+    return Labelled(names, views, bends, _labelling(cache.arrays(_STEP, key, arrays)))
+
+
+def read_labelled(cache: Cache, key: str) -> Labelled | None:
+    """Return what `kept_labelled` kept under `key`; None where it, or a photo's small picture, is not there."""
+    kept = cache.find(_STEP, key)
+    if kept is None:
+        return None
+    photos = [int(photo) for photo in kept["photos"]]
+    names = {photo: str(name) for photo, name in zip(photos, kept["names"], strict=True)}
+    bends = {photo: float(k) for photo, k in zip(photos, kept["bends"], strict=True)}
+    views = {}
+    for row, photo in enumerate(photos):
+        color = cache.newest(f"photo-{names[photo]}", "color")
+        height, width = kept[f"odds-{photo}"].shape
+        if color is None or color.shape[:2] != (height, width):
+            return None
+        fx, fy, cx, cy = (float(value) for value in kept["lenses"][row])
+        camera = Camera(kept["poses"][row], fx, fy, cx, cy, width, height)
+        color = straight(color, camera, bends[photo])
+        views[photo] = View(camera, color, kept.get(f"given-{photo}"), bool(kept["fixed"][row]))
+    return Labelled(names, views, bends, _labelling(kept))
+
+
+def odds_to_bytes(odds: np.ndarray) -> np.ndarray:
+    """Return logarithms of odds, of any shape, as int8."""
+    return np.rint(odds * _ODDS).astype(np.int8)
+
+
+def odds_of_bytes(kept: np.ndarray) -> np.ndarray:
+    """Return the logarithms of odds, float32, that `odds_to_bytes` made int8 of any shape of."""
+    return kept.astype(np.float32) / _ODDS
+
+
+def _lens(camera: Camera) -> tuple[float, float, float, float]:
+    return camera.fx, camera.fy, camera.cx, camera.cy
+
+
+def _labelling(kept: Mapping[str, np.ndarray]) -> Labelling:
+    hull = Hull(kept["occupancy"], kept["occupancy"].astype(np.float32), kept["lo"], kept["hi"])
+    odds = {int(photo): odds_of_bytes(kept[f"odds-{photo}"]) for photo in kept["photos"]}
+    return Labelling(hull, odds, {photo: kept[f"shape-{photo}"] for photo in odds})
+
+
+def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Masks:
+    """Return the masks of all photos, which take up what a person corrected in some.
+
+    Masks that come out as before are kept.
+    """
+    painted = _by_index(labelled, corrections.painted)
+    clicked = _by_index(labelled, corrections.clicked)
+    first = _outlines(labelled, labelled.labelling, painted, cache, "uncorrected")
+    changes = {photo: Change.painted(first[photo].mask, mask > 0) for photo, mask in painted.items()}
+    changes |= {photo: Change.clicked(signs) for photo, signs in clicked.items() if photo not in painted}
+    labelling = corrected(labelled.labelling, labelled.views, changes)
+    found = _outlines(labelled, labelling, labelled.views, cache, "mask")
+    for photo, change in changes.items():
+        own = painted[photo] > 0 if photo in painted else (found[photo].mask | change.added) & ~change.removed
+        found[photo] = _Outline(own, found[photo].agreement, key_of(_sum(own)))
+    return Masks(
+        {photo: each.mask for photo, each in found.items()},
+        {photo: each.agreement for photo, each in found.items()},
+        {photo: each.key for photo, each in found.items()},
+    )
+
+
+@dataclass(frozen=True)
+class _Outline:
+    mask: np.ndarray  # (h, w) bool
+    agreement: float
+    key: str
+
+
+def _outlines(
+    labelled: Labelled, labelling: Labelling, photos: Collection[int], cache: Cache, step: str
+) -> dict[int, _Outline]:
+    """Return the masks of some photos, kept under the step's name."""
+
+    def work(photo: int) -> _Outline:
+        view, evidence, shape = labelled.views[photo], labelling.evidence[photo], labelling.shapes[photo]
+
+        def make() -> dict[str, np.ndarray]:
+            return {"mask": outlined_mask(view, evidence, shape)}
+
+        key = key_of(*map(_sum, (view.color, evidence, shape, view.given)), view.fixed)
+        mask = cache.arrays(f"{step}-{labelled.names[photo]}", key, make)["mask"]
+        return _Outline(mask, agreement(mask, evidence, shape), key)
+
+    return dict(zip(photos, in_threads(work, photos), strict=True))
+
+
+def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
+    """Return a mask (h, w) at another size, (H, W) float32, with smooth outlines where it grows."""
+    if mask.shape[0] >= height:
+        return resize_area(mask.astype(np.float32), height, width)
+    cv2 = opencv_library()
+    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.7)  # as wide as a pixel: it rounds the steps
+    large = cv2.resize(soft, (width, height), interpolation=cv2.INTER_CUBIC)
+    return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)
+
+
+def _by_index(labelled: Labelled, told: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
+    """Return pictures (H, W), by the photo's name, at the size of the small ones, by its index: -1, 0 or 1, int8."""
+    found = {}
+    for photo, name in labelled.names.items():
+        if name in told:
+            small = resize_area(told[name].astype(np.float32), *labelled.views[photo].color.shape[:2])
+            found[photo] = np.where(small >= 0.5, 1, np.where(small < -0.5, -1, 0)).astype(np.int8)
+    return found
+
+
+def _sum(array: np.ndarray | None) -> str | None:
+    """Return the checksum of an array of any shape."""
+    return None if array is None else hashlib.blake2b(array.tobytes(), digest_size=16).hexdigest()

@@ -1,0 +1,135 @@
+"""A click or a painted mask in one photo corrects the masks of all, and can be taken back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from lightprobe.core.errors import InputError
+from lightprobe.imaging import read_mask, write_mask
+from lightprobe.preparation.correcting import click_mask, correct_masks, forget_correction
+from lightprobe.scene.consistency import overlap
+from tests.preparation.labelled_scene import BLOCK, HALF, LID, labelled_scene, shown_at
+
+pytest.importorskip("cv2")
+TOP = np.array([0, 0, HALF[2] - LID / 2])
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return tmp_path, *labelled_scene(tmp_path)
+
+
+def masks(folder):
+    return {path.stem: read_mask(path) >= 0.5 for path in (folder / "masks").iterdir()}
+
+
+def files(folder):
+    return {path.name: path.read_bytes() for path in (folder / "masks").iterdir()}
+
+
+def report(folder):
+    return json.loads((folder / "prepare.json").read_text())
+
+
+def agreement_with(truth, found):
+    return {photo: overlap(found[f"p_{photo}"], mask) for photo, mask in truth.items()}
+
+
+def beside(labelled, photo):
+    """Return where a photo shows the block and no box."""
+    return shown_at(labelled, photo, BLOCK.mean(axis=0))
+
+
+def test_a_click_on_what_is_not_the_object_takes_it_out_of_all_masks(scene):
+    folder, labelled, truth = scene
+    before, stages = agreement_with(truth, masks(folder)), []
+    click_mask(folder, "p_1", beside(labelled, 1), False, stages.append)
+    after = agreement_with(truth, masks(folder))
+    assert stages == ["finding what belongs together", "cutting all photos", "writing masks"]
+    assert all(after[photo] > before[photo] - 0.005 for photo in truth)
+    assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.02
+    assert report(folder)["masks_corrected"] == ["p_1"]
+
+
+def test_a_click_on_what_is_missing_brings_it_into_all_masks(scene):
+    folder, labelled, truth = scene
+    before = agreement_with(truth, masks(folder))
+    click_mask(folder, "p_0", shown_at(labelled, 0, TOP), True, lambda stage: None)
+    after = agreement_with(truth, masks(folder))
+    print(before, after)
+    assert all(after[photo] > before[photo] + 0.03 for photo in truth)
+    assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.06
+
+
+def test_what_was_corrected_in_a_photo_can_be_taken_back(scene):
+    folder, labelled, _ = scene
+    before = files(folder)
+    click_mask(folder, "p_1", beside(labelled, 1), False, lambda stage: None)
+    assert files(folder) != before
+    forget_correction(folder, "p_1", lambda stage: None)
+    assert files(folder) == before
+    assert report(folder)["masks_corrected"] == []
+
+
+def test_a_painted_mask_stays_as_it_is_and_the_others_follow(scene):
+    folder, _, truth = scene
+    before = agreement_with(truth, masks(folder))
+    write_mask(folder / "masks" / "p_1.png", truth[1].astype(np.float32))
+    correct_masks(folder, lambda stage: None)
+    found = masks(folder)
+    assert np.array_equal(found["p_1"], truth[1])
+    after = agreement_with(truth, found)
+    assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.05
+    written = files(folder)
+    correct_masks(folder, lambda stage: None)
+    assert files(folder) == written
+
+
+def test_a_click_into_a_painted_mask_changes_it_around_the_click_alone(scene):
+    folder, labelled, truth = scene
+    painted = truth[1] | masks(folder)["p_1"]
+    write_mask(folder / "masks" / "p_1.png", painted.astype(np.float32))
+    correct_masks(folder, lambda stage: None)
+    click_mask(folder, "p_1", beside(labelled, 1), False, lambda stage: None)
+    after = masks(folder)["p_1"]
+    assert overlap(after, truth[1]) > 0.97
+    assert not (after & ~painted).any()
+
+
+def test_a_click_on_what_is_as_it_should_be_is_one_sentence_and_changes_nothing(scene):
+    folder, labelled, _ = scene
+    before = files(folder)
+    with pytest.raises(InputError, match="inside of the mask already"):
+        click_mask(folder, "p_0", shown_at(labelled, 0, np.zeros(3)), True, lambda stage: None)
+    with pytest.raises(InputError, match="outside of the mask already"):
+        click_mask(folder, "p_0", (0, 1), False, lambda stage: None)
+    with pytest.raises(InputError, match="p_9 has no camera"):
+        click_mask(folder, "p_9", (0, 1), False, lambda stage: None)
+    assert files(folder) == before
+
+
+def test_what_is_said_of_cameras_stays_and_what_is_said_of_masks_is_said_anew(scene):
+    folder, _, truth = scene
+    told = report(folder)
+    assert len(told["warnings"]) == 1
+    for photo in (1, 4):
+        write_mask(folder / "masks" / f"p_{photo}.png", (~truth[photo]).astype(np.float32))
+    correct_masks(folder, lambda stage: None)
+    after = report(folder)
+    assert after["warnings"][0] == told["warnings"][0]
+    assert after["mask_agreement_mean"] < told["mask_agreement_mean"]
+    assert any("masks disagree" in text or "do not fit" in text for text in after["warnings"])
+
+
+@pytest.mark.parametrize("damage", ["labelling", "color", "report"])
+def test_a_scene_without_what_was_kept_is_one_sentence(scene, damage):
+    folder, _, _ = scene
+    if damage == "report":
+        (folder / "prepare.json").write_text(json.dumps({**report(folder), "warnings": 3}))
+    else:
+        (folder / ".prepare" / {"labelling": "labelling.npz", "color": "photo-p_2.npz"}[damage]).unlink()
+    before = files(folder)
+    with pytest.raises(InputError, match=r"give its prepare command once more|prepare the scene anew"):
+        click_mask(folder, "p_0", (0.5, 0.5), False, lambda stage: None)
+    assert files(folder) == before
