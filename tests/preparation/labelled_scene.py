@@ -1,5 +1,6 @@
 """A prepared scene of a box whose lid is missing and beside which a block is taken for the object, in all masks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,9 +22,14 @@ BLOCK = np.array([[0.5, -0.15, -HALF[2]], [0.7, 0.15, -HALF[2] + 0.2]])  # besid
 VOXELS = 64
 
 
-def labelled_scene(folder: Path) -> tuple[Labelled, dict[int, np.ndarray]]:
-    """Write a scene of six photos, and return what is kept of it, and the true masks (h, w) bool by photo."""
+def labelled_scene(folder: Path, given: int | None = None) -> tuple[Labelled, dict[int, np.ndarray]]:
+    """Write a scene of six photos, and return what is kept of it, and the true masks (h, w) bool by photo.
+
+    given: a photo whose mask the user gave.
+    """
     views, truth, _, _ = world(places=1, photos=6)
+    if given is not None:
+        views[given] = replace(views[given], given=truth[given], fixed=True)
     names = {photo: f"p_{photo}" for photo in views}
     cache = Cache(folder / HIDDEN)
     for photo, view in views.items():

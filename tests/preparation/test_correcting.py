@@ -8,6 +8,8 @@ import pytest
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_mask, write_mask
 from lightprobe.preparation.correcting import click_mask, correct_masks, forget_correction
+from lightprobe.preparation.corrections import Change, corrected
+from lightprobe.preparation.mask_report import mask_warnings
 from lightprobe.scene.consistency import overlap
 from tests.preparation.labelled_scene import BLOCK, HALF, LID, labelled_scene, shown_at
 
@@ -57,7 +59,6 @@ def test_a_click_on_what_is_missing_brings_it_into_all_masks(scene):
     before = agreement_with(truth, masks(folder))
     click_mask(folder, "p_0", shown_at(labelled, 0, TOP), True, lambda stage: None)
     after = agreement_with(truth, masks(folder))
-    print(before, after)
     assert all(after[photo] > before[photo] + 0.03 for photo in truth)
     assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.06
 
@@ -110,16 +111,75 @@ def test_a_click_on_what_is_as_it_should_be_is_one_sentence_and_changes_nothing(
 
 
 def test_what_is_said_of_cameras_stays_and_what_is_said_of_masks_is_said_anew(scene):
-    folder, _, truth = scene
+    folder, _, _ = scene
     told = report(folder)
-    assert len(told["warnings"]) == 1
-    for photo in (1, 4):
-        write_mask(folder / "masks" / f"p_{photo}.png", (~truth[photo]).astype(np.float32))
+    told["mask_agreement"]["p_0"] = 0.5
+    told["warnings"] += mask_warnings(told)
+    assert len(told["warnings"]) == 2
+    (folder / "prepare.json").write_text(json.dumps(told))
     correct_masks(folder, lambda stage: None)
-    after = report(folder)
-    assert after["warnings"][0] == told["warnings"][0]
-    assert after["mask_agreement_mean"] < told["mask_agreement_mean"]
-    assert any("masks disagree" in text or "do not fit" in text for text in after["warnings"])
+    assert report(folder)["warnings"] == told["warnings"][:1]
+    assert report(folder)["mask_agreement"]["p_0"] > 0.9
+
+
+def test_right_additions_do_not_make_a_scene_doubtful_and_the_grid_grows_once(scene):
+    folder, labelled, truth = scene
+    for photo in (0, 1, 3, 4):
+        write_mask(folder / "masks" / f"p_{photo}.png", truth[photo].astype(np.float32))
+    changes = {
+        photo: Change.painted(labelled.labelling.shapes[photo], truth[photo]) for photo in (0, 1, 3, 4)
+    }
+    grid = corrected(labelled.labelling, labelled.views, changes).hull.occupancy
+    assert len(grid) == 1.5 * len(labelled.labelling.hull.occupancy)
+    correct_masks(folder, lambda stage: None)
+    assert report(folder)["mask_agreement_mean"] > 0.9
+    assert len(report(folder)["warnings"]) == 1
+
+
+def test_a_mask_that_is_painted_while_others_are_written_is_not_lost(scene):
+    folder, labelled, truth = scene
+
+    def paint(stage):
+        if stage == "writing masks":
+            write_mask(folder / "masks" / "p_3.png", truth[3].astype(np.float32))
+
+    click_mask(folder, "p_1", beside(labelled, 1), False, paint)
+    correct_masks(folder, lambda stage: None)
+    assert np.array_equal(masks(folder)["p_3"], truth[3])
+    assert report(folder)["masks_corrected"] == ["p_1", "p_3"]
+
+
+def test_a_mask_that_the_user_gave_stays_as_fine_as_it_is(tmp_path):
+    labelled, _ = labelled_scene(tmp_path, given=2)
+    path = tmp_path / "masks" / "p_2.png"
+    before = path.read_bytes()
+    click_mask(tmp_path, "p_1", beside(labelled, 1), False, lambda stage: None)
+    assert path.read_bytes() == before
+
+
+def test_clicks_of_another_size_are_used_and_a_damaged_file_of_cameras_costs_no_mask(scene):
+    folder, labelled, _ = scene
+    click_mask(folder, "p_1", beside(labelled, 1), False, lambda stage: None)
+    kept = folder / ".prepare" / "clicked" / "p_1.png"
+    write_mask(kept, read_mask(kept)[::2, ::2])
+    click_mask(folder, "p_1", (0.05, 0.05), True, lambda stage: None)
+    before = files(folder)
+    cameras = json.loads((folder / "transforms.json").read_text())
+    cameras["frames"][0]["h"] = 1e999
+    (folder / "transforms.json").write_text(json.dumps(cameras))
+    with pytest.raises(InputError, match=r"transforms\.json is not as prepare wrote it"):
+        forget_correction(folder, "p_1", lambda stage: None)
+    del cameras["frames"][0]
+    (folder / "transforms.json").write_text(json.dumps(cameras))
+    with pytest.raises(InputError, match="lacks the photo p_0"):
+        forget_correction(folder, "p_1", lambda stage: None)
+    assert files(folder) == before
+
+
+def test_a_folder_that_prepare_did_not_make_is_left_alone(tmp_path):
+    with pytest.raises(InputError, match="no scene that prepare made"):
+        click_mask(tmp_path, "a", (0.5, 0.5), True, lambda stage: None)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("damage", ["labelling", "color", "report"])

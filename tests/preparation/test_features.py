@@ -59,7 +59,7 @@ def shifted(request, monkeypatch):
     picture = sum(zoom(rng.normal(size=(n, n)), 240 / n, order=1) for n in (12, 30, 60))
     picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
     parts = (1.0, picture[:200, :200]), (0.7, picture[:200, 12:212])
-    return find_features([(factor * part).astype(np.uint8) for factor, part in parts])
+    return find_features([(factor * part).astype(np.uint8) for factor, part in parts], [None, None])
 
 
 def test_matches_are_the_same_places(shifted):
@@ -79,7 +79,7 @@ def test_a_surface_at_a_slant_is_recognised(sift):
     picture = 60 + 120 * (picture - picture.min()) / np.ptp(picture)
     slant = 0.45  # of its width is left: 63 degrees
     squeezed = zoom(gaussian_filter1d(picture, 0.8, axis=1), (1, slant), order=1)
-    a, b = find_features([picture.astype(np.uint8), squeezed.astype(np.uint8)])
+    a, b = find_features([picture.astype(np.uint8), squeezed.astype(np.uint8)], [None, None])
     found = match(a, b)
     off = np.abs(a.points[found[:, 0]] * [slant, 1] - b.points[found[:, 1]]).max(axis=1)
     assert (off < 2).sum() > 300
@@ -110,13 +110,40 @@ def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
 
 
 def test_a_picture_without_anything_has_no_features():
-    empty, tiny = find_features([np.full((60, 60), 128, np.uint8), np.full((1, 3), 128, np.uint8)])
+    empty, tiny = find_features(
+        [np.full((60, 60), 128, np.uint8), np.full((1, 3), 128, np.uint8)], [None, None]
+    )
     assert (empty.width, tiny.width, tiny.height) == (60, 3, 1)
     assert tiny.points.shape == (0, 2)
     assert empty.points.shape == (0, 2)
     assert match(empty, empty).shape == (0, 2)
-    assert find_features([]) == []
-    assert [len(each.points) for each in find_features([np.full((10, 200), 9, np.uint8)] * 2)] == [0, 0]
+    assert find_features([], []) == []
+    flat = find_features([np.full((10, 200), 9, np.uint8)] * 2, [None, (20.0, 30.0, 0.0, 10.0)])
+    assert [len(each.points) for each in flat] == [0, 0]
+
+
+def test_a_detail_brings_features_of_its_own_that_match_those_of_another_detail():
+    if not learned.is_installed():
+        pytest.skip("the weights of learned features are not installed")
+    rng = np.random.default_rng(2)
+    picture = np.full((480, 640), 110.0)
+    picture[200:280, 300:380] = 40 + 160 * zoom(rng.random((40, 40)), 2, order=0)
+    moved_on = np.roll(picture, (60, -150), (0, 1))
+    boxes = (290.0, 390.0, 190.0, 290.0), (140.0, 240.0, 250.0, 350.0)
+    found = find_features([each.astype(np.uint8) for each in (picture, moved_on)], boxes)
+    for each, (left, right, top, bottom) in zip(found, boxes, strict=True):
+        x, y = each.points[each.close].T
+        assert ((x >= left) & (x <= right) & (y >= top) & (y <= bottom)).all()
+        assert each.close.sum() > 1.5 * (~each.close).sum()
+    rows = match(*found)
+    assert (found[0].close[rows[:, 0]] == found[1].close[rows[:, 1]]).all()
+    close = rows[found[0].close[rows[:, 0]]]
+    shift = found[0].points[close[:, 0]] - found[1].points[close[:, 1]]
+    assert len(close) > 60
+    assert (np.abs(shift - [150, -60]).max(axis=1) < 1.0).mean() > 0.9
+    fewer = found[0].select(found[0].points[:, 0] < 340)
+    assert fewer.close.sum() < found[0].close.sum()
+    assert match(fewer, found[1])[:, 0].max() < len(fewer.points)
 
 
 def test_the_largest_blobs_are_kept_whichever_way_they_are_turned(monkeypatch):

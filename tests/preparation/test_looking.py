@@ -57,3 +57,32 @@ def test_features_do_not_depend_on_the_batch(photos, tmp_path, monkeypatch):
     for one, other in zip(together, look_at_all(photos, Cache(tmp_path / "b")), strict=True):
         assert np.array_equal(one.features.points, other.features.points)
         assert np.array_equal(one.features.descriptors, other.features.descriptors)
+
+
+def test_the_detail_is_a_square_around_the_largest_piece_with_a_margin_inside_the_picture():
+    mask = np.zeros((60, 80), bool)
+    mask[20:40, 30:40] = True
+    mask[0:3, 70:73] = True  # a speck
+    assert looking._around(mask, (120, 160)) == (44, 96, 34, 86)
+    mask[20:60, 0:40] = True
+    assert looking._around(mask, (120, 160)) == (0, 92, 28, 120)
+    assert looking._around(np.zeros((60, 80), bool), (120, 160)) is None
+
+
+def test_features_of_the_detail_lie_around_the_mask_that_is_given(tmp_path):
+    if not looking.learned.is_installed():
+        pytest.skip("the weights of learned features are not installed")
+    folder, rng = tmp_path / "photos", np.random.default_rng(0)
+    (folder / "masks").mkdir(parents=True)
+    for index in range(4):
+        noise = np.kron(rng.integers(0, 256, (24, 32, 3), np.uint8), np.ones((8, 8, 1), np.uint8))
+        Image.fromarray(noise).save(folder / f"{index}.png")
+        mask = np.zeros((192, 256), np.uint8)
+        mask[64:128, 100:160] = 255
+        Image.fromarray(mask).save(folder / "masks" / f"{index}.png")
+    for each in look_at_all(source_photos(folder), Cache(tmp_path)):
+        left, right, top, bottom = each.features.box
+        assert (left, right, top, bottom) == (88, 172, 54, 138)
+        x, y = each.features.points[each.features.close].T
+        assert len(x) > 20
+        assert ((x >= left) & (x <= right) & (y >= top) & (y <= bottom)).all()

@@ -1,15 +1,12 @@
 """Points are told to lie on the object by what photos show there; masks that the user gives decide."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.preparation import masks
-from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.masks import object_points
 from lightprobe.preparation.voxel_labelling import View, photo_evidence
 from tests.preparation.ring import SIZE, ball_points, disc, photographed, ring_cameras
@@ -88,21 +85,3 @@ def test_a_given_mask_is_evidence_and_needs_no_network(world):
     mask = disc(views[2].camera)
     found = photo_evidence({2: replace(views[2], given=mask, fixed=True)})
     assert np.array_equal(found[2] > 0, mask)
-
-
-def test_what_was_looked_at_once_is_kept_until_the_photo_or_the_box_changes(monkeypatch, tmp_path):
-    seen = []
-
-    def counted(color, box):
-        seen.append(box)
-        return np.full(color.shape[:2], 1.25, np.float32)
-
-    monkeypatch.setattr(masks, "log_odds", counted)
-    photos, color = [SimpleNamespace(name="cup")], np.zeros((4, 6, 3), np.uint8)
-    box, other = (0.0, 4.0, 0.0, 4.0), (0.0, 5.0, 0.0, 5.0)
-    for each in (None, None, box, box, other, None):
-        look = masks._kept_look(photos, Cache(tmp_path))
-        assert look(0, color, each) == pytest.approx(1.25, abs=0.02)
-    assert seen == [None, box, other]
-    look(0, color + 1, None)
-    assert seen[3:] == [None]

@@ -9,6 +9,7 @@ import pytest
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.preparation import salient_object
+from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.salient_object import CERTAIN, log_odds
 from lightprobe.scene.consistency import overlap
 
@@ -68,3 +69,20 @@ def test_another_file_is_not_run(monkeypatch, tmp_path: Path):
     monkeypatch.setattr(importlib.metadata, "files", lambda name: [entry])
     with pytest.raises(ConfigError, match="not the network that was tried"):
         log_odds(picture()[0])
+
+
+def test_what_was_looked_at_once_is_kept_until_the_photo_or_the_box_changes(monkeypatch, tmp_path):
+    seen = []
+
+    def counted(color, box):
+        seen.append(box)
+        return np.full(color.shape[:2], 1.25, np.float32)
+
+    monkeypatch.setattr(salient_object, "log_odds", counted)
+    cache, color = Cache(tmp_path), np.zeros((4, 6, 3), np.uint8)
+    box, other = (0.0, 4.0, 0.0, 4.0), (0.0, 5.0, 0.0, 5.0)
+    for each in (None, None, box, box, other, None):
+        assert salient_object.kept_log_odds(cache, "cup", color, each) == pytest.approx(1.25, abs=0.02)
+    assert seen == [None, box, other]
+    salient_object.kept_log_odds(cache, "cup", color + 1)
+    assert seen[3:] == [None]

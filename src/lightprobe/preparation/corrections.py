@@ -75,6 +75,8 @@ def corrected(labelling: Labelling, views: Mapping[int, View], changes: Mapping[
     Where silhouettes change, the network's evidence is forgotten: it was wrong in one photo, and may be in others.
     """
     hull = labelling.hull
+    if any(change.added.any() for change in changes.values()):
+        hull = _with_room(hull)
     for photo, change in changes.items():
         if change.added.any():
             hull = _filled(hull, views[photo].camera, change.added)
@@ -103,10 +105,9 @@ def _emptied(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:
 
 
 def _filled(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:
-    """Return voxels with those that `region` (h, w) bool of a photo shows; of none, `hull` as it is."""
+    """Return voxels with those that `region` (h, w) bool of a photo shows; where there are none, `hull` as it is."""
     if not hull.occupancy.any():
         return hull
-    hull = _with_room(hull)
     away = scipy.ndimage.distance_transform_edt(~hull.occupancy)
     rows, columns = np.nonzero(region)
     count = len(hull.occupancy)

@@ -11,7 +11,7 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +25,8 @@ from lightprobe.core.partial import partial_folder
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation import learned
 
+Box = tuple[float, float, float, float]  # left, right, top, bottom in pixels
+
 _SILENT = 4  # beyond glog's FATAL, 3
 _BESIDE = 64 << 20  # bytes that are to be free beside what is asked for
 MOST = 2500  # features of a photo: twice as many take four times as long to match and register no photo more
@@ -33,6 +35,7 @@ _RATIO = 0.8  # the best match must be nearer than this times the second best (L
 _FURTHEST = 0.7  # radians between descriptors that may still match, as in COLMAP
 MOST_LEARNED = 1024  # learned ones: matching takes a tenth of a second a pair, four times as long with 2048
 _LEARNED_SIDE = 960  # pixels of the longer side that these are found in: more shows them too little at once
+_DETAIL_SIDE = 640  # likewise of the detail around the object
 _MAGNIFY = 2.0  # at most, of a smaller picture: beyond, there is nothing new
 _LIKELY = 0.8  # cosine of learned descriptors that may be of one place
 _FEW_LEARNED = 512  # as the following
@@ -88,6 +91,20 @@ class Features:
     descriptors: np.ndarray  # (N, 128) uint8, or (N, 64) float32 where they are learned
     width: int  # of the working picture
     height: int
+    close: np.ndarray | None = None  # (N,) bool: found in the detail around the object; None: none of them
+    box: Box | None = None  # of that detail, in the working picture
+
+    def within(self, close: bool) -> tuple[np.ndarray, np.ndarray, tuple[int, int]]:
+        """Return the rows (K,) of those found in the whole picture, or `close`, their places there (K, 2), and its size."""
+        if self.close is None or self.box is None:
+            rows = np.arange(0 if close else len(self.points))
+            return rows, self.points[rows], (self.width, self.height)
+        rows = np.flatnonzero(self.close == close)
+        if not close:
+            return rows, self.points[rows], (self.width, self.height)
+        left, right, top, bottom = self.box
+        places = self.points[rows] - np.array([left, top], np.float32)
+        return rows, places, (round(right - left), round(bottom - top))
 
     @property
     def are_learned(self) -> bool:
@@ -96,14 +113,18 @@ class Features:
 
     def select(self, chosen: np.ndarray) -> "Features":
         """Return the features at `chosen` (N,) bool or (K,) int."""
-        return Features(self.points[chosen], self.descriptors[chosen], self.width, self.height)
+        close = None if self.close is None else self.close[chosen]
+        return replace(self, points=self.points[chosen], descriptors=self.descriptors[chosen], close=close)
 
 
-def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
-    """Return the features of each picture (H, W) uint8; raises `ConfigError` without pycolmap."""
+def find_features(pictures: Sequence[np.ndarray], boxes: Sequence[Box | None]) -> list[Features]:
+    """Return the features of each picture (H, W) uint8; raises `ConfigError` without pycolmap.
+
+    boxes: around the object, in pixels, where known: learned features are found in that detail, too.
+    """
     pycolmap = pycolmap_library()
     if learned.is_installed():
-        return in_threads(_learned, pictures)
+        return in_threads(lambda each: _learned(*each), list(zip(pictures, boxes, strict=True)))
     options = pycolmap.FeatureExtractionOptions()
     options.num_threads, options.use_gpu = min(torch.get_num_threads(), _THREADS), False
     options.sift.max_num_features, options.sift.peak_threshold = MOST, _PEAK
@@ -124,16 +145,30 @@ def find_features(pictures: Sequence[np.ndarray]) -> list[Features]:
     return found
 
 
-def _learned(picture: np.ndarray) -> Features:
-    """Return the learned features of a picture (H, W) uint8."""
+def _learned(picture: np.ndarray, box: Box | None) -> Features:
+    """Return the learned features of a picture (H, W) uint8, and of a detail of it."""
+    height, width = picture.shape
+    points, descriptors = _found(picture, _LEARNED_SIDE)
+    if box is None:
+        return Features(points, descriptors, width, height)
+    left, right, top, bottom = box
+    detail = picture[int(top) : int(bottom), int(left) : int(right)]
+    places, more = _found(detail, _DETAIL_SIDE)
+    close = np.arange(len(points) + len(places)) >= len(points)
+    points = np.concatenate([points, places + np.array([left, top], np.float32)])
+    return Features(points, np.concatenate([descriptors, more]), width, height, close, box)
+
+
+def _found(picture: np.ndarray, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (N, 2) and descriptors (N, 64) of a picture (H, W) uint8 that is reduced or enlarged to a side."""
     cv2 = opencv_library()
     height, width = picture.shape
-    scale = min(_MAGNIFY, _LEARNED_SIDE / max(picture.shape))
+    scale = min(_MAGNIFY, side / max(picture.shape))
     size = max(1, round(width * scale)), max(1, round(height * scale))
     small = cv2.resize(picture, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC)
     points, descriptors = learned.find(small, MOST_LEARNED)
     points *= np.array([width / small.shape[1], height / small.shape[0]], np.float32)
-    return Features(points, descriptors, width, height)
+    return points, descriptors
 
 
 def _stored(database: Any, name: str, picture: np.ndarray) -> Features:
@@ -157,10 +192,7 @@ def match(a: Features, b: Features) -> np.ndarray:
     if min(len(a.points), len(b.points)) < 2:
         return np.zeros((0, 2), np.uint32)
     if a.are_learned:
-        sizes = (a.width, a.height), (b.width, b.height)
-        return learned.match((a.points, a.descriptors), (b.points, b.descriptors), *sizes)[0].astype(
-            np.uint32
-        )
+        return np.concatenate([_matched(a, b, close) for close in (False, True)])
     scores = _unit(a.descriptors) @ _unit(b.descriptors).T
     column = torch.from_numpy(scores.numpy().argmax(axis=1))  # a quarter of the time of PyTorch's
     rows = torch.arange(len(column))
@@ -171,6 +203,15 @@ def match(a: Features, b: Features) -> np.ndarray:
     sure = (angle < _RATIO * runner_up) & (angle < _FURTHEST) & (back == best)
     found = torch.stack([rows[sure], column[sure]], 1).numpy().astype(np.uint32)
     return found[np.sort(np.unique(found[:, 1], return_index=True)[1])]  # of two alike the first
+
+
+def _matched(a: Features, b: Features, close: bool) -> np.ndarray:
+    """Return the matches (M, 2) uint32 of learned features of two whole pictures, or of two details."""
+    (first, places_a, size_a), (second, places_b, size_b) = (each.within(close) for each in (a, b))
+    found, _ = learned.match(
+        (places_a, a.descriptors[first]), (places_b, b.descriptors[second]), size_a, size_b
+    )
+    return np.stack([first[found[:, 0]], second[found[:, 1]]], 1).astype(np.uint32)
 
 
 def match_photos(
@@ -217,7 +258,7 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
     if count <= 2 * PARTNERS:
         return everything
     few = _FEW_LEARNED if any(each.are_learned for each in photos) else _FEW
-    small = [features.select(np.arange(min(few, len(features.points)))) for features in photos]
+    small = [_first(features, few) for features in photos]
     scores = np.zeros((count, count))
     for i, j in everything:
         found = _likely(small[i], small[j])
@@ -226,6 +267,12 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
     near = np.argsort(-scores, axis=1, kind="stable")[:, :PARTNERS]
     chosen = {(min(i, int(j)), max(i, int(j))) for i in range(count) for j in near[i] if scores[i, j] > 0}
     return sorted(chosen)
+
+
+def _first(features: Features, count: int) -> Features:
+    """Return the largest, or likeliest, features; half of them of the detail where there is one."""
+    parts = [features.within(close)[0] for close in (False, True)]
+    return features.select(np.concatenate([rows[: count // (1 + (len(parts[1]) > 0))] for rows in parts]))
 
 
 def _likely(a: Features, b: Features) -> np.ndarray:

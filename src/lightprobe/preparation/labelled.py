@@ -12,13 +12,13 @@ from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.corrections import Change, Corrections, corrected
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.outlines import agreement, outlined_mask
+from lightprobe.preparation.salient_object import odds_of_bytes, odds_to_bytes
 from lightprobe.preparation.voxel_labelling import Labelling, View
 from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
 _STEP = "labelling"
-_ODDS = 31  # steps to one of the odds' logarithm, as they are kept
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,12 @@ def kept_labelled(
     return Labelled(names, views, bends, _labelling(cache.arrays(_STEP, key, arrays)))
 
 
+def is_kept(cache: Cache, key: str) -> bool:
+    """Tell whether something is kept under `key`."""
+    found = cache.newest(_STEP, "key")
+    return found is not None and str(found) == key
+
+
 def read_labelled(cache: Cache, key: str) -> Labelled | None:
     """Return what `kept_labelled` kept under `key`; None where it, or a photo's small picture, is not there."""
     kept = cache.find(_STEP, key)
@@ -88,16 +94,6 @@ def read_labelled(cache: Cache, key: str) -> Labelled | None:
         color = straight(color, camera, bends[photo])
         views[photo] = View(camera, color, kept.get(f"given-{photo}"), bool(kept["fixed"][row]))
     return Labelled(names, views, bends, _labelling(kept))
-
-
-def odds_to_bytes(odds: np.ndarray) -> np.ndarray:
-    """Return logarithms of odds, of any shape, as int8."""
-    return np.rint(odds * _ODDS).astype(np.int8)
-
-
-def odds_of_bytes(kept: np.ndarray) -> np.ndarray:
-    """Return the logarithms of odds, float32, that `odds_to_bytes` made int8 of any shape of."""
-    return kept.astype(np.float32) / _ODDS
 
 
 def _lens(camera: Camera) -> tuple[float, float, float, float]:
@@ -150,7 +146,9 @@ def _outlines(
         def make() -> dict[str, np.ndarray]:
             return {"mask": outlined_mask(view, evidence, shape)}
 
-        key = key_of(*map(_sum, (view.color, evidence, shape, view.given)), view.fixed)
+        if view.fixed and view.given is not None:
+            return _Outline(view.given, agreement(view.given, evidence, shape), key_of(_sum(view.given)))
+        key = key_of(*map(_sum, (view.color, evidence, shape, view.given)))
         mask = cache.arrays(f"{step}-{labelled.names[photo]}", key, make)["mask"]
         return _Outline(mask, agreement(mask, evidence, shape), key)
 
@@ -167,14 +165,26 @@ def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
     return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)
 
 
+def replaced(fine: np.ndarray, mask: np.ndarray, changed: np.ndarray) -> np.ndarray:
+    """Return a mask (H, W) float32 that is as `fine` (H, W) but where the small `mask` (h, w) bool `changed` (h, w) bool."""
+    size = fine.shape[0], fine.shape[1]
+    return np.where(enlarged(changed, *size) > 0, enlarged(mask, *size), fine)
+
+
 def _by_index(labelled: Labelled, told: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
     """Return pictures (H, W), by the photo's name, at the size of the small ones, by its index: -1, 0 or 1, int8."""
-    found = {}
-    for photo, name in labelled.names.items():
-        if name in told:
-            small = resize_area(told[name].astype(np.float32), *labelled.views[photo].color.shape[:2])
-            found[photo] = np.where(small >= 0.5, 1, np.where(small < -0.5, -1, 0)).astype(np.int8)
-    return found
+    views = labelled.views
+    return {
+        photo: signs_at(told[name], views[photo].color)
+        for photo, name in labelled.names.items()
+        if name in told
+    }
+
+
+def signs_at(told: np.ndarray, color: np.ndarray) -> np.ndarray:
+    """Return a mask, or what clicks told, (H, W), at the size of a small picture (h, w, 3): -1, 0 or 1, (h, w) int8."""
+    small = resize_area(told.astype(np.float32), *color.shape[:2])
+    return np.where(small >= 0.5, 1, np.where(small < -0.5, -1, 0)).astype(np.int8)
 
 
 def _sum(array: np.ndarray | None) -> str | None:

@@ -5,18 +5,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.preparation import learned
+from lightprobe.core.threads import in_threads
+from lightprobe.preparation import learned, salient_object
 from lightprobe.preparation.cache import Cache, key_of
-from lightprobe.preparation.features import Features, find_features, match_photos
+from lightprobe.preparation.features import Box, Features, find_features, match_photos
 from lightprobe.preparation.judging import sampled
 from lightprobe.preparation.mapping import FEWEST_MATCHES
-from lightprobe.preparation.photos import COLOR_SIDE, SourcePhoto, copies, working_pictures
+from lightprobe.preparation.photos import COLOR_SIDE, SourcePhoto, WorkingPictures, copies, working_pictures
+from lightprobe.preparation.salient_object import kept_log_odds
+from lightprobe.preparation.voxel_labelling import box_of_mask
 
 OnPhoto = Callable[[int, int], None]
 
 _BATCH = 8  # photos whose features are found side by side, and lost when the command is killed
+_MARGIN = 0.15  # of the object's longer side around it, in the detail that features are found in
 _BLURRED = 0.5  # of the median sharpness of all photos: below, a photo without a camera is called blurred
 _FEW_FEATURES = 80  # from which few are left to match
 
@@ -36,7 +41,7 @@ def look_at_all(
     photos: Sequence[SourcePhoto], cache: Cache, on_photo: OnPhoto = lambda done, total: None
 ) -> list[Seen]:
     """Return what is kept of each photo, shapes as in `Seen`; raises `InputError` for a damaged file."""
-    kind = learned.is_installed()
+    kind = _kinds()
     keys = [key_of(photo.checksum, _stamp(photo.mask), photo.cutout, kind, COLOR_SIDE) for photo in photos]
     kept = [cache.find(_step(photo), key) for photo, key in zip(photos, keys, strict=True)]
     missing = [index for index, values in enumerate(kept) if values is None]
@@ -44,21 +49,37 @@ def look_at_all(
         on_photo(len(photos) - len(missing), len(photos))
     for first in range(0, len(missing), _BATCH):
         batch = missing[first : first + _BATCH]
-        for index, values in zip(batch, _looked_at([photos[index] for index in batch]), strict=True):
+        for index, values in zip(batch, _looked_at([photos[index] for index in batch], cache), strict=True):
             cache.keep(_step(photos[index]), keys[index], values)
             kept[index] = values
         on_photo(len(photos) - len(missing) + first + len(batch), len(photos))
     return [_seen(values) for values in kept if values is not None]
 
 
+def _kinds() -> list[bool]:
+    """Return which networks are there that features and details are found by."""
+    return [learned.is_installed(), salient_object.is_installed()]
+
+
 def _step(photo: SourcePhoto) -> str:
     return f"photo-{photo.name}"
 
 
-def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
+def _looked_at(photos: Sequence[SourcePhoto], cache: Cache) -> list[dict[str, np.ndarray]]:
     """Return what is kept of each photo as arrays; shapes as in `Seen`."""
     pictures = [working_pictures(photo) for photo in photos]
-    found = find_features([each.grey for each in pictures])
+    can_see = learned.is_installed() and salient_object.is_installed()
+
+    def box(each: tuple[SourcePhoto, WorkingPictures]) -> Box | None:
+        photo, picture = each
+        if picture.alpha is not None:
+            return _around(picture.alpha >= 0.5, picture.grey.shape)
+        if not can_see:
+            return None
+        return _around(kept_log_odds(cache, photo.name, picture.color) > 0, picture.grey.shape)
+
+    boxes = in_threads(box, list(zip(photos, pictures, strict=True)))
+    found = find_features([each.grey for each in pictures], boxes)
     return [
         {
             **{"points": features.points, "descriptors": features.descriptors},
@@ -66,15 +87,33 @@ def _looked_at(photos: Sequence[SourcePhoto]) -> list[dict[str, np.ndarray]]:
             "size": np.array([features.width, features.height]),
             "sharpness": np.array(each.sharpness),
             **({} if each.alpha is None else {"given": each.alpha}),
+            **({} if features.close is None else {"close": features.close, "box": np.array(features.box)}),
         }
         for each, features in zip(pictures, found, strict=True)
     ]
 
 
+def _around(mask: np.ndarray, size: tuple[int, int]) -> Box | None:
+    """Return the square around the largest piece of a mask (h, w) bool, in a picture of (height, width); None: no piece."""
+    pieces, count = scipy.ndimage.label(mask)
+    if not count:
+        return None
+    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
+    across, down = size[1] / mask.shape[1], size[0] / mask.shape[0]
+    left, right, top, bottom = box_of_mask(pieces == largest)
+    half = (0.5 + _MARGIN) * max((right - left) * across, (bottom - top) * down)
+    x, y = (left + right) / 2 * across, (top + bottom) / 2 * down
+    left, right = max(0.0, float(np.floor(x - half))), min(float(size[1]), float(np.ceil(x + half)))
+    top, bottom = max(0.0, float(np.floor(y - half))), min(float(size[0]), float(np.ceil(y + half)))
+    return left, right, top, bottom
+
+
 def _seen(kept: Mapping[str, np.ndarray]) -> Seen:
     """Return the kept arrays, of any shape, of one photo as what they are."""
     width, height = (int(length) for length in kept["size"])
-    features = Features(kept["points"], kept["descriptors"], width, height)
+    box = kept.get("box")
+    told = None if box is None else (float(box[0]), float(box[1]), float(box[2]), float(box[3]))
+    features = Features(kept["points"], kept["descriptors"], width, height, kept.get("close"), told)
     return Seen(features, kept["grey"], kept["color"], kept.get("given"), float(kept["sharpness"]))
 
 
@@ -94,7 +133,9 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
         return {"pairs": pairs, "rows": rows, "counts": counts}
 
     kept = cache.arrays(
-        "matches", key_of(learned.is_installed(), [[photo.checksum, photo.cutout] for photo in photos]), make
+        "matches",
+        key_of(_kinds(), [[photo.checksum, _stamp(photo.mask), photo.cutout] for photo in photos]),
+        make,
     )
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], parts, strict=True)}

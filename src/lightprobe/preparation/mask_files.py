@@ -54,6 +54,12 @@ def own_corrections(names: Iterable[str], output: Path) -> Corrections:
     return Corrections(painted, clicked)
 
 
+def corrected_names(output: Path) -> list[str]:
+    """Return the names of photos of which corrections are kept."""
+    folders = _folders(output)[1:]
+    return sorted({path.stem for folder in folders if folder.is_dir() for path in folder.glob("*.png")})
+
+
 def keep_clicks(output: Path, name: str, signs: np.ndarray) -> None:
     """Keep what clicks told of a photo, (h, w) int8 as in `Corrections`."""
     write_mask(named_file(output / HIDDEN / _CLICKED, name, ".png"), (signs.astype(np.float32) + 1) / 2)
@@ -89,7 +95,7 @@ def write_masks(
         there = checksum(present) if present.is_file() else None
         if there in written.get(name, ()):
             before[name] = [str(there)]
-        elif there is not None and name in painted:
+        elif there is not None and (name in painted or name in written):  # a person's, perhaps of this moment
             write_bytes(kept, present.read_bytes())
         if name in painted and kept.is_file():
             ready[name] = kept

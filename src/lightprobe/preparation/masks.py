@@ -1,6 +1,5 @@
 """Masks of all photos that have a camera, and where and on what the object stood in each place."""
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -9,7 +8,7 @@ import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import resize_area
-from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.corrections import Corrections
 from lightprobe.preparation.labelled import (
@@ -17,14 +16,12 @@ from lightprobe.preparation.labelled import (
     Masks,
     kept_labelled,
     masks_of,
-    odds_of_bytes,
-    odds_to_bytes,
 )
 from lightprobe.preparation.looking import Seen
 from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
-from lightprobe.preparation.salient_object import Box, log_odds
+from lightprobe.preparation.salient_object import kept_log_odds
 from lightprobe.preparation.support_plane import SupportPlane, common_plane
 from lightprobe.preparation.voxel_labelling import Labelling, Look, View, away, label_voxels, photo_evidence
 from lightprobe.preparation.writing import straight
@@ -68,9 +65,9 @@ def cut_masks(
 ) -> Cutting:
     """Return the masks of all photos that have a camera.
 
-    known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. own:
-    masks (H, W) bool, by name, that the user corrected in the scene. key: of photos, cameras and hints. Raises `InputError` where no point of the object
-    is found, `ConfigError` where photos without a mask are left and the network that finds objects is not installed.
+    known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. key: of photos,
+    cameras and hints. Raises `InputError` where no point of the object is found, `ConfigError` where photos without a
+    mask are left and the network that finds objects is not installed.
     """
     solution = choice.kept.solution
     bends = solution.distortion()
@@ -108,16 +105,7 @@ def cut_masks(
 
 def _kept_look(photos: Sequence[SourcePhoto], cache: Cache) -> Look:
     """Return a `Look` whose answers are kept: after a correction most photos are looked at as before."""
-
-    def look(photo: int, color: np.ndarray, box: Box | None) -> np.ndarray:
-        def make() -> dict[str, np.ndarray]:
-            return {"odds": odds_to_bytes(log_odds(color, box))}
-
-        name = f"{'whole' if box is None else 'detail'}-{photos[photo].name}"
-        key = key_of(hashlib.blake2b(color.tobytes()).hexdigest(), box)
-        return odds_of_bytes(cache.arrays(name, key, make)["odds"])
-
-    return look
+    return lambda photo, color, box: kept_log_odds(cache, photos[photo].name, color, box)
 
 
 def object_points(

@@ -28,8 +28,11 @@ def outlined_mask(view: View, evidence: np.ndarray, shape: np.ndarray) -> np.nda
 
 
 def agreement(mask: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> float:
-    """Return the lower IoU of a mask (h, w): with what its photo alone shows of the object, and with what all show."""
-    return min(overlap(mask, evidence > 0), overlap(mask, shape))
+    """Return the lower IoU of a mask (h, w): with what its photo alone shows of the object, and with what all show.
+
+    Pixels whose evidence is 0 say nothing.
+    """
+    return min(overlap(mask & (evidence != 0), evidence > 0), overlap(mask, shape))
 
 
 def edge_cut(color: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> np.ndarray:

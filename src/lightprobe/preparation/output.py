@@ -12,12 +12,18 @@ from lightprobe.core.stored import read_object
 from lightprobe.imaging import gravity
 from lightprobe.preparation import upright, writing
 from lightprobe.preparation.alignment import AGREEING
-from lightprobe.preparation.cache import HIDDEN, key_of
+from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import EXPLAINED
-from lightprobe.preparation.labelled import enlarged
+from lightprobe.preparation.labelled import enlarged, is_kept, replaced
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
-from lightprobe.preparation.mask_files import are_written, as_written, write_masks, written_masks
+from lightprobe.preparation.mask_files import (
+    are_written,
+    as_written,
+    corrected_names,
+    write_masks,
+    written_masks,
+)
 from lightprobe.preparation.mask_report import mask_report, mask_warnings, write_sheet
 from lightprobe.preparation.masks import PLACE, Cutting
 from lightprobe.preparation.options import PrepareOptions, find_photo
@@ -62,7 +68,12 @@ def write_scene(
     files = _write_images(output, shots)
 
     def full_mask(i: int) -> np.ndarray:
-        return _full_mask(photos[i], cutting.found.masks[i], full[i], bends[i])
+        fine, mask = given_mask(photos[i], (photos[i].height, photos[i].width)), cutting.found.masks[i]
+        if fine is None:
+            return enlarged(mask, photos[i].height, photos[i].width)
+        changed = mask != cutting.labelled.views[i].given  # by clicks
+        fine = straight(fine, full[i], bends[i])
+        return replaced(fine, mask, changed) if changed.any() else fine
 
     write_masks(output, cutting.labelled.names, cutting.found, cutting.corrections.painted, full_mask)
     on_progress("scene", 1, 2)
@@ -90,6 +101,11 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
         return None
     report = read_json(path)
     if not isinstance(report, dict) or report.get("key") != key:
+        return None
+    if not is_kept(Cache(output / HIDDEN), str(report.get("labelling"))):
+        return None  # corrections need it
+    masks = report.get("mask_agreement", {})
+    if report.get("masks_corrected") != [name for name in corrected_names(output) if name in masks]:
         return None
     masks = {name: named_file(output / "masks", name, ".png") for name in written_masks(output)}
     same = all(as_written(file, output, name) for name, file in masks.items() if file.is_file())
@@ -150,14 +166,6 @@ def _write_images(output: Path, shots: Mapping[str, tuple[SourcePhoto, Camera, f
 
 def _lens(camera: Camera) -> tuple[float, ...]:
     return camera.fx, camera.fy, camera.cx, camera.cy
-
-
-def _full_mask(photo: SourcePhoto, mask: np.ndarray, camera: Camera, k: float) -> np.ndarray:
-    """Return a photo's mask (H, W) float32 at its full size: the user's own, or the small one enlarged."""
-    given = given_mask(photo, (photo.height, photo.width))
-    if given is not None:
-        return straight(given, camera, k)
-    return enlarged(mask, photo.height, photo.width)
 
 
 def _lost(

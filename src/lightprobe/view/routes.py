@@ -340,6 +340,8 @@ def draw_box(drawn: Box, scene: SceneArg) -> dict[str, Any]:
 
 
 def _correction(session: Session, scene: SceneSource, number: int, **asked: Any) -> dict[str, Any]:
+    if not scene.prepared:
+        raise InputError("This folder has no masks yet; draw a box and prepare it first.")
     photo = scene.mask_file(number).stem
     request = {"scene": str(scene.folder), "photo": photo, "at": None, "forget": False, **asked}
     return session.tasks.submit(TaskKind.CORRECT, photo, request).to_json()

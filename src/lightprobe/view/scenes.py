@@ -21,7 +21,10 @@ from lightprobe.imaging import (
     srgb_encode,
     write_mask,
 )
+from lightprobe.preparation.cache import HIDDEN
+from lightprobe.preparation.mask_files import corrected_names
 from lightprobe.preparation.options import store_hint, stored_hint
+from lightprobe.preparation.preparing import locked_scene
 from lightprobe.preparation.writing import outlined
 from lightprobe.scene.masks import same_shape
 from lightprobe.scene.plain_photos import list_photos
@@ -62,8 +65,7 @@ class SceneSource:
         report = report if isinstance(report, dict) else {}
         agreement = report.get("mask_agreement")
         agreement = agreement if isinstance(agreement, dict) else {}
-        corrected = report.get("masks_corrected")
-        corrected = corrected if isinstance(corrected, list) else []
+        corrected = corrected_names(self.folder) if self.prepared else []
         return {
             "name": self.folder.resolve().name,
             "folder": str(self.folder),
@@ -112,7 +114,7 @@ def save_mask(scene: SceneSource, index: int, painted: Path) -> Path:
     """Write a painted mask over a photo's, at the photo's size, and return its file.
 
     Raises `ConfigError` for a folder of plain photos, `InputError` for a picture of another shape or without
-    object.
+    object, `ResourceError` while another process writes the scene.
     """
     if not scene.prepared:
         raise ConfigError("This folder has no masks yet; draw a box and prepare it first.")
@@ -127,7 +129,9 @@ def save_mask(scene: SceneSource, index: int, painted: Path) -> Path:
             "The mask shows no object, or nothing but it; paint the object and leave the rest free."
         )
     target = scene.mask_file(index)
-    write_mask(target, mask, (height, width))
+    (scene.folder / HIDDEN).mkdir(exist_ok=True)
+    with locked_scene(scene.folder):  # masks take each other's place
+        write_mask(target, mask, (height, width))
     return target
 
 

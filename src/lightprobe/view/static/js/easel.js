@@ -14,7 +14,7 @@ export class Easel {
     this.size = 18;
     this.mode = "paint";
     [this.layer, this.history, this.box] = [null, [], null];
-    this.changed = false;
+    this.changed = this.locked = false; // locked: nothing is taken
     this.onSize = this.onBox = this.onClick = () => {};
     this.canvas.addEventListener("pointerdown", (event) => this.#down(event));
     this.canvas.addEventListener("pointermove", (event) => this.#move(event));
@@ -81,7 +81,8 @@ export class Easel {
   undo() {
     const before = this.history.pop();
     if (!before) return;
-    this.pen.putImageData(before, 0, 0);
+    this.pen.putImageData(before.pixels, 0, 0);
+    this.changed = before.changed;
     this.#draw();
   }
 
@@ -105,7 +106,7 @@ export class Easel {
   }
 
   #down(event) {
-    if (!this.layer || event.button > 0) return;
+    if (!this.layer || this.locked || event.button > 0) return;
     this.canvas.setPointerCapture(event.pointerId);
     this.cursor = this.#place(event);
     if (this.#clicks) this.#click();
@@ -132,7 +133,7 @@ export class Easel {
   }
 
   #remember() {
-    this.history.push(this.pen.getImageData(0, 0, this.layer.width, this.layer.height));
+    this.history.push({ pixels: this.pen.getImageData(0, 0, this.layer.width, this.layer.height), changed: this.changed });
     if (this.history.length > UNDO) this.history.shift();
   }
 
@@ -172,7 +173,7 @@ export class Easel {
   }
 
   #key(event) {
-    if (!this.layer) return;
+    if (!this.layer || this.locked) return;
     const step = Math.max(this.#radius / 2, 2);
     const moves = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] }[event.key];
     if (moves) this.#step(moves, step);

@@ -124,7 +124,6 @@ async function forget() {
     say("Nothing was corrected in this photo.", { key: "mask", info: true, seconds: 4 });
     return;
   }
-  page.easel.changed = false;
   await takeUp(() => sendJson("POST", `${photoOf(held)}/forget`));
 }
 
@@ -133,40 +132,41 @@ async function saveMask() {
     say("Nothing has been painted yet.", { key: "mask", info: true, seconds: 4 });
     return;
   }
-  const { opening } = page.easel;
-  const mask = await page.easel.mask();
-  await takeUp(async () => {
-    page.easel.changed = false; // what is painted from here on is not in it
-    try {
-      return await sendBytes("PUT", `${photoOf(held)}/mask`, mask);
-    } catch (error) {
-      if (opening === page.easel.opening) page.easel.changed = true;
-      throw error;
-    }
-  });
+  await takeUp(async () => sendBytes("PUT", `${photoOf(held)}/mask`, await page.easel.mask()));
 }
 
-/** Have a correction taken up by all masks, and show them. `submit` returns the task. */
+/** Have a correction taken up by all masks, and show them. `submit` returns the task. Nothing is drawn meanwhile. */
 async function takeUp(submit) {
-  if (working || !held) return;
-  const { scene: index, photo } = held;
-  working = true;
+  if (!held) return;
+  if (working) {
+    say("The correction before is still being taken up; wait a moment.", { key: "mask", info: true, seconds: 4 });
+    return;
+  }
+  const { scene: index } = held;
   const words = el("p", { className: "quiet", textContent: "…" });
   page.command.replaceChildren(words);
+  working = page.easel.locked = true;
   try {
-    let task = await submit();
-    task = await follow(task, (now) => (words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Beginning"}…`));
+    const task = await submit();
+    page.easel.changed = false; // it is in the scene now
+    await follow(task, (now) => (words.textContent = now.state === "waiting" ? "Waiting for its turn…" : `${now.stage || "Beginning"}…`));
+    words.textContent = "All masks have taken it up.";
   } catch (error) {
     words.textContent = "";
     throw error;
   } finally {
-    working = false;
+    working = page.easel.locked = false;
+    if (scene.index === index) await refresh(index); // else another one was chosen meanwhile
   }
-  words.textContent = "All masks have taken it up.";
-  if (scene.index !== index) return; // another one was chosen meanwhile
-  take(index, await getJson(`/api/scenes/${index}`));
+}
+
+/** Show a scene's photos and masks as they are now. */
+async function refresh(index) {
+  const told = await getJson(`/api/scenes/${index}`);
+  if (scene.index !== index) return;
+  take(index, told);
   listShots();
-  if (held?.photo === photo && !page.easel.changed) await openPhoto(photo);
+  if (held && !page.easel.changed) await openPhoto(held.photo);
 }
 
 async function saveBox() {
