@@ -97,6 +97,7 @@ def test_what_may_not_be_matched_takes_no_match(shifted):
 
 def test_of_many_photos_each_is_matched_with_its_likest(monkeypatch):
     monkeypatch.setattr(features, "PARTNERS", 2)
+    monkeypatch.setattr(features, "EVERY", 4)
     rng = np.random.default_rng(1)
     kinds = rng.integers(0, 120, (2, 40, 128))
 

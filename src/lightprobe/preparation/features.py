@@ -44,7 +44,8 @@ _THREADS = 4  # at most: each takes half a gigabyte for a picture of 1600 pixels
 _ROW = 200  # bytes of a feature in COLMAP's database, or a little less
 _LEAST_SIDE = 32  # pixels of a picture with features: COLMAP's affine ones end the process below 16
 _AT_ONCE = 16  # pairs that are matched between two words on progress
-PARTNERS = 24  # photos that each photo is matched with; all others, where there are few
+PARTNERS = 16  # photos that each photo is matched with: 14 and 24 give the same cameras of two shoots of 66
+EVERY = 48  # photos up to which each is matched with all others
 STILL = 0.004  # of the longer side: what moves less between two photos stands still in them
 
 
@@ -255,7 +256,7 @@ def likely_pairs(photos: Sequence[Features]) -> list[tuple[int, int]]:
     """
     count = len(photos)
     everything = [(i, j) for i in range(count) for j in range(i + 1, count)]
-    if count <= 2 * PARTNERS:
+    if count <= EVERY:
         return everything
     few = _FEW_LEARNED if any(each.are_learned for each in photos) else _FEW
     small = [_first(features, few) for features in photos]

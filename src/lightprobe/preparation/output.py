@@ -102,14 +102,14 @@ def finished(output: Path, key: str) -> dict[str, Any] | None:
     report = read_json(path)
     if not isinstance(report, dict) or report.get("key") != key:
         return None
-    if not is_kept(Cache(output / HIDDEN), str(report.get("labelling"))):
-        return None  # corrections need it
-    masks = report.get("mask_agreement", {})
-    if report.get("masks_corrected") != [name for name in corrected_names(output) if name in masks]:
-        return None
     masks = {name: named_file(output / "masks", name, ".png") for name in written_masks(output)}
     same = all(as_written(file, output, name) for name, file in masks.items() if file.is_file())
-    return report if same and all(file.is_file() for file in masks.values()) else None
+    if not same or not all(file.is_file() for file in masks.values()):
+        return None
+    if not is_kept(Cache(output / HIDDEN), str(report.get("labelling"))):
+        return None  # corrections start from it
+    corrected = [name for name in corrected_names(output) if name in masks]
+    return report if report.get("masks_corrected") == corrected else None
 
 
 def _upright(
