@@ -10,7 +10,7 @@ import json
 import zipfile
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -19,6 +19,14 @@ from lightprobe.core.files import named_file, write_bytes
 HIDDEN = ".prepare"  # the folder in a scene that holds the steps
 _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
 _VERSION = 8  # of all steps: raised when what they keep, or how they find it, changes
+
+
+Kept = TypeVar("Kept")
+
+
+def array_key(array: np.ndarray) -> str:
+    """Return the checksum of an array of any shape."""
+    return hashlib.blake2b(array.tobytes(), digest_size=16).hexdigest()
 
 
 def key_of(*parts: Any) -> str:
@@ -45,26 +53,28 @@ class Cache:
 
     def find(self, name: str, key: str) -> dict[str, np.ndarray] | None:
         """Return the arrays of step `name` that are kept under `key`, None where none are."""
-        path = named_file(self.folder, name, ".npz")
-        try:
-            if not _is_step(path):
+
+        def wanted(stored: Mapping[str, np.ndarray]) -> dict[str, np.ndarray] | None:
+            if str(stored["key"]) != key:
                 return None
-            with np.load(path, allow_pickle=False) as stored:
-                if str(stored["key"]) != key:
-                    return None
-                return {name: stored[name] for name in stored.files if name != "key"}
-        except Exception:  # whatever the parsers of a damaged archive and its arrays run into
-            return None
+            return {name: stored[name] for name in stored if name != "key"}
+
+        return self._read(name, wanted)
 
     def newest(self, name: str, part: str) -> np.ndarray | None:
         """Return one array, of any shape, of step `name`, of whatever key; None where none is kept."""
+        return self._read(name, lambda stored: np.asarray(stored[part]))
+
+    def _read(self, name: str, wanted: Callable[[Mapping[str, np.ndarray]], Kept | None]) -> Kept | None:
+        """Return what is `wanted` of the arrays of step `name`; None where they are not there, or damaged."""
         path = named_file(self.folder, name, ".npz")
         try:
-            if not _is_step(path):
-                return None
+            with zipfile.ZipFile(path) as archive:
+                if sum(part.file_size for part in archive.infolist()) > _LARGEST:
+                    return None
             with np.load(path, allow_pickle=False) as stored:
-                return np.asarray(stored[part])
-        except Exception:  # as in `find`
+                return wanted(stored)
+        except Exception:  # whatever the parsers of a damaged archive and its arrays run into
             return None
 
     def keep(self, name: str, key: str, values: Mapping[str, np.ndarray]) -> None:
@@ -72,8 +82,3 @@ class Cache:
         buffer = io.BytesIO()
         np.savez_compressed(buffer, **{**values, "key": np.array(key)})  # type: ignore[arg-type]
         write_bytes(named_file(self.folder, name, ".npz"), buffer.getvalue())
-
-
-def _is_step(path: Path) -> bool:
-    with zipfile.ZipFile(path) as archive:
-        return sum(part.file_size for part in archive.infolist()) <= _LARGEST

@@ -1,6 +1,5 @@
 """The object's voxels and what photos show of it, kept so that a correction of masks starts from them."""
 
-import hashlib
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
@@ -8,7 +7,7 @@ import numpy as np
 
 from lightprobe.core.threads import in_threads
 from lightprobe.imaging import resize_area
-from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.cache import Cache, array_key, key_of
 from lightprobe.preparation.corrections import Change, Corrections, corrected
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.outlines import agreement, outlined_mask
@@ -120,7 +119,7 @@ def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Mask
     found = _outlines(labelled, labelling, labelled.views, cache, "mask")
     for photo, change in changes.items():
         own = painted[photo] > 0 if photo in painted else (found[photo].mask | change.added) & ~change.removed
-        found[photo] = _Outline(own, found[photo].agreement, key_of(_sum(own)))
+        found[photo] = _Outline(own, found[photo].agreement, key_of(array_key(own)))
     return Masks(
         {photo: each.mask for photo, each in found.items()},
         {photo: each.agreement for photo, each in found.items()},
@@ -147,8 +146,10 @@ def _outlines(
             return {"mask": outlined_mask(view, evidence, shape)}
 
         if view.fixed and view.given is not None:
-            return _Outline(view.given, agreement(view.given, evidence, shape), key_of(_sum(view.given)))
-        key = key_of(*map(_sum, (view.color, evidence, shape, view.given)))
+            return _Outline(view.given, agreement(view.given, evidence, shape), key_of(array_key(view.given)))
+        key = key_of(
+            *(None if each is None else array_key(each) for each in (view.color, evidence, shape, view.given))
+        )
         mask = cache.arrays(f"{step}-{labelled.names[photo]}", key, make)["mask"]
         return _Outline(mask, agreement(mask, evidence, shape), key)
 
@@ -185,8 +186,3 @@ def signs_at(told: np.ndarray, color: np.ndarray) -> np.ndarray:
     """Return a mask, or what clicks told, (H, W), at the size of a small picture (h, w, 3): -1, 0 or 1, (h, w) int8."""
     small = resize_area(told.astype(np.float32), *color.shape[:2])
     return np.where(small >= 0.5, 1, np.where(small < -0.5, -1, 0)).astype(np.int8)
-
-
-def _sum(array: np.ndarray | None) -> str | None:
-    """Return the checksum of an array of any shape."""
-    return None if array is None else hashlib.blake2b(array.tobytes(), digest_size=16).hexdigest()

@@ -16,7 +16,7 @@ from lightprobe.preparation.judging import sampled
 from lightprobe.preparation.mapping import FEWEST_MATCHES
 from lightprobe.preparation.photos import COLOR_SIDE, SourcePhoto, WorkingPictures, copies, working_pictures
 from lightprobe.preparation.salient_object import kept_log_odds
-from lightprobe.preparation.voxel_labelling import box_of_mask
+from lightprobe.preparation.voxel_labelling import box_of_mask, square_around
 
 OnPhoto = Callable[[int, int], None]
 
@@ -101,11 +101,15 @@ def _around(mask: np.ndarray, size: tuple[int, int]) -> Box | None:
     largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
     across, down = size[1] / mask.shape[1], size[0] / mask.shape[0]
     left, right, top, bottom = box_of_mask(pieces == largest)
-    half = (0.5 + _MARGIN) * max((right - left) * across, (bottom - top) * down)
-    x, y = (left + right) / 2 * across, (top + bottom) / 2 * down
-    left, right = max(0.0, float(np.floor(x - half))), min(float(size[1]), float(np.ceil(x + half)))
-    top, bottom = max(0.0, float(np.floor(y - half))), min(float(size[0]), float(np.ceil(y + half)))
-    return left, right, top, bottom
+    box = left * across, right * across, top * down, bottom * down
+    left, right, top, bottom = square_around(box, _MARGIN)
+    height, width = (float(length) for length in size)
+    return (
+        max(0.0, float(np.floor(left))),
+        min(width, float(np.ceil(right))),
+        max(0.0, float(np.floor(top))),
+        min(height, float(np.ceil(bottom))),
+    )
 
 
 def _seen(kept: Mapping[str, np.ndarray]) -> Seen:

@@ -1,6 +1,5 @@
 """Plain photos in, a scene folder out: the steps in their order, each kept."""
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
@@ -12,7 +11,7 @@ import numpy as np
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import checksum, disk_errors, holds_files, locked_file
 from lightprobe.preparation import learned, salient_object
-from lightprobe.preparation.cache import HIDDEN, Cache, key_of
+from lightprobe.preparation.cache import HIDDEN, Cache, array_key, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
 from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
@@ -95,7 +94,7 @@ def _key(photos: Sequence[SourcePhoto]) -> str:
 
 def _checksums(hints: Mapping[int, np.ndarray]) -> list[tuple[int, str]]:
     """Return the checksum of each hint (H, W), with its photo."""
-    return [(index, hashlib.blake2b(mask.tobytes()).hexdigest()) for index, mask in hints.items()]
+    return [(index, array_key(mask)) for index, mask in hints.items()]
 
 
 def _work(

@@ -8,6 +8,7 @@ of its small version (Apache 2.0) come inside the Python package `rembg-aws-lamb
 import functools
 import hashlib
 import importlib.metadata
+import importlib.util
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.extras import extra_library
-from lightprobe.preparation.cache import Cache, key_of
+from lightprobe.preparation.cache import Cache, array_key, key_of
 from lightprobe.preparation.features import Box, opencv_library
 
 CERTAIN = 4.0  # logarithm of the odds beyond which a pixel is not surer: the network errs now and then
@@ -29,8 +30,7 @@ _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)  # of the pictu
 def is_installed() -> bool:
     """Tell whether the network is there."""
     try:
-        extra_library("onnxruntime", "Finding the object in photos")
-        return _weights().is_file()
+        return importlib.util.find_spec("onnxruntime") is not None and _weights().is_file()
     except ConfigError:
         return False
 
@@ -42,9 +42,7 @@ def kept_log_odds(cache: Cache, name: str, color: np.ndarray, box: Box | None = 
         return {"odds": odds_to_bytes(log_odds(color, box))}
 
     step = f"{'whole' if box is None else 'detail'}-{name}"
-    return odds_of_bytes(
-        cache.arrays(step, key_of(hashlib.blake2b(color.tobytes()).hexdigest(), box), make)["odds"]
-    )
+    return odds_of_bytes(cache.arrays(step, key_of(array_key(color), box), make)["odds"])
 
 
 def odds_to_bytes(odds: np.ndarray) -> np.ndarray:

@@ -239,7 +239,13 @@ def _around(mask: np.ndarray) -> Box:
     edges = box_of_mask(mask)
     left, top = (_BOX_STEP * (edges[side] // _BOX_STEP) for side in (0, 2))
     right, bottom = (-_BOX_STEP * (-edges[side] // _BOX_STEP) for side in (1, 3))
-    half = (0.5 + _MARGIN) * max(right - left, bottom - top)
+    return square_around((left, right, top, bottom), _MARGIN)
+
+
+def square_around(box: Box, margin: float) -> Box:
+    """Return the square around a box, with a margin in longer sides of it on each side."""
+    left, right, top, bottom = box
+    half = (0.5 + margin) * max(right - left, bottom - top)
     x, y = (left + right) / 2, (top + bottom) / 2
     return x - half, x + half, y - half, y + half
 

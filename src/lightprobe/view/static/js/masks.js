@@ -49,10 +49,9 @@ async function openScene(index) {
   page.easel.clear();
   take(index, told);
   held = null;
-  const about = scene.prepared
+  page.about = scene.prepared
     ? "Photos whose mask disagrees most with the others come first. Click on what is the object but left out, or on what is not but taken for it; all photos follow in seconds."
     : "This folder has no masks yet. Draw a box around the object in one photo, and prepare the scene with it.";
-  page.about = about;
   buildTools();
   page.command.replaceChildren(...(scene.hint ? [el("p", { className: "quiet", textContent: `A box is kept: ${scene.hint}` })] : []));
   listShots();
