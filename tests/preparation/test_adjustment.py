@@ -107,3 +107,19 @@ def test_a_photo_of_something_else_is_left_out(corner):
     noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE)).astype(np.uint8)
     found = placed(photos, matches, _solution(cameras, 0.3), [*pictures[:-1], noise])
     assert list(found.solution.photo) == list(range(PHOTOS - 1))
+
+
+def test_photos_that_agree_among_themselves_alone_are_left_out_as_a_group(corner):
+    photos, matches, cameras, pictures = corner
+    twice = range(4)  # once more, elsewhere in the world: without a match with the others
+    among = {(i + PHOTOS, j + PHOTOS): rows for (i, j), rows in matches.items() if j in twice}
+    start = _solution([*cameras, *(cameras[k] for k in twice)], 0.0)
+    start.pose[PHOTOS:, :3, 3] += [8.0, 0, 0]
+    found = placed(
+        [*photos, *(photos[k] for k in twice)],
+        matches | among,
+        start,
+        [*pictures, *(pictures[k] for k in twice)],
+    )
+    assert list(found.solution.photo) == list(range(PHOTOS))
+    assert found.apart == (tuple(k + PHOTOS for k in twice),)

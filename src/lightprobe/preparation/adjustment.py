@@ -3,7 +3,8 @@
 Points are triangulated from all matches that fit the cameras, followed through all photos (`alignment`), and cameras,
 lens and points adjusted to them with a robust loss (Cauchy's), with less patience each time. A camera whose photo
 shows hardly a point where it should is wrong, however well its own matches fit; it is looked for anew against the
-others' points, as are photos that have none, and left out where it is not found.
+others' points, as are photos that have none, and left out where it is not found. So are photos that agree among
+themselves but share hardly a point with the others: nothing holds them where they are.
 """
 
 from collections.abc import Sequence
@@ -32,7 +33,7 @@ _MOST = 5000  # points; those in most photos
 _BESIDE = 40.0  # degrees between photos that vote together for a lost photo's camera
 _VOTERS = 6  # photos, those with most matches, that vote
 _OFF = 6.0  # pixels of a match that agrees with a lost photo's camera
-_INLIERS = 12  # of a lost photo's camera
+_INLIERS = 12  # of a lost photo's camera, and points that two groups of photos must share to hold each other
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,7 @@ class Placed:
     solution: Solution
     share: dict[int, float]  # as in `Tracks`
     agreement: dict[int, float]  # likewise
+    apart: tuple[tuple[int, ...], ...]  # photos of each group that the others did not hold
 
 
 def placed(
@@ -56,14 +58,15 @@ def placed(
     share = followed(solution, pictures, _ROUNDS[1][1]).share
     least = max(RIGHT, _WEAK * float(np.median(list(share.values()))))
     solution = _without(solution, [photo for photo, value in share.items() if value < least])
+    solution, apart = _held(solution)
     while len(solution.photo) < len(photos):
         more = _with_lost(photos, matches, solution, pictures)
         if len(more.photo) == len(solution.photo):
             break
         solution = more
-    solution = _adjusted(photos, matches, solution, pictures, *_ROUNDS[2])
+    solution, later = _held(_adjusted(photos, matches, solution, pictures, *_ROUNDS[2]))
     judged = followed(solution, pictures, _ROUNDS[1][1])
-    return Placed(solution, judged.share, judged.agreement)
+    return Placed(solution, judged.share, judged.agreement, apart + later)
 
 
 def fitting(
@@ -198,6 +201,35 @@ def _without(solution: Solution, wrong: Sequence[int]) -> Solution:
         **{name: getattr(solution, name)[kept] for name in ("photo", "pose", "lens", "size")},
         **{name: getattr(solution, name)[seen] for name in ("seen_by", "feature", "seen")},
     )
+
+
+def _held(solution: Solution) -> tuple[Solution, tuple[tuple[int, ...], ...]]:
+    """Return a solution without the photos that the others do not hold, and these, as `Placed.apart`."""
+    rest = groups_by_points(solution)[1:]
+    apart = tuple(group for group in rest if len(group) > 1)
+    return _without(solution, [photo for group in rest for photo in group]), apart
+
+
+def groups_by_points(solution: Solution) -> list[tuple[int, ...]]:
+    """Return the groups of photos that hold each other, the largest first.
+
+    The two groups that see most points in common become one, as long as these are enough for a camera's pose.
+    """
+    row = np.searchsorted(solution.photo, solution.seen_by)
+    sees = np.zeros((len(solution.photo), len(solution.points)), np.float32)
+    sees[row, solution.seen] = 1
+    groups: list[tuple[int, ...]] = [(int(photo),) for photo in solution.photo]
+    common = sees @ sees.T
+    np.fill_diagonal(common, 0)
+    while len(groups) > 1 and common.max() >= _INLIERS:
+        first, second = divmod(int(common.argmax()), len(groups))  # first < second: of equals the first
+        sees[first] = np.maximum(sees[first], sees[second])
+        groups[first] += groups.pop(second)
+        sees = np.delete(sees, second, 0)
+        common = np.delete(np.delete(common, second, 0), second, 1)
+        common[first] = common[:, first] = sees @ sees[first]
+        common[first, first] = 0
+    return sorted((tuple(sorted(group)) for group in groups), key=lambda group: (-len(group), group))
 
 
 def _with_lost(

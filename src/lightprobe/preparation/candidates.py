@@ -115,7 +115,13 @@ def with_exact_cameras(
 ) -> Choice:
     """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there."""
     exact = placed(photos, matches, choice.kept.solution, pictures)
-    kept = replace(choice.kept, solution=exact.solution, share=exact.share, agreement=exact.agreement)
+    kept = replace(
+        choice.kept,
+        solution=exact.solution,
+        share=exact.share,
+        agreement=exact.agreement,
+        apart=exact.apart + choice.kept.apart,
+    )
     return replace(choice, kept=kept)
 
 
