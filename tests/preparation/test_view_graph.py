@@ -57,3 +57,18 @@ def test_photos_that_nothing_joins_stay_apart(alike):
     graph = view_graph.consistent(photos, halves, [300 / SIZE] * PHOTOS)
     assert len({int(group) for group in graph.group[:5]} & {int(group) for group in graph.group[5:]}) == 0
     assert view_graph.consistent(photos, {}, [None] * PHOTOS).matches == {}
+
+
+def test_a_pair_that_was_not_asked_speaks_neither_for_nor_against():
+    count, every = 40, 60  # each photo is matched with its 16 best partners, of which the last has 60 matches
+    asked = [(i, j) for i in range(count) for j in range(i + 1, count) if (j - i) % count <= 8 or j - i >= 32]
+    rows = np.zeros((every, 2), np.uint32)
+    edges = [view_graph.Edge(pair, np.eye(3), rows) for pair in asked[1:]]
+    strength = view_graph.matches_of_pairs(count, edges, asked)
+    assert strength[asked[0]] == 0  # asked, and nothing fits
+    assert strength[0, 20] == 0  # photo 0 has one partner less
+    assert strength[5, 25] == every
+    assert (
+        view_graph.matches_of_pairs(count, edges, [(i, j) for i in range(count) for j in range(i)])[5, 25]
+        == 0
+    )

@@ -4,16 +4,18 @@ Painted and symmetric objects look alike from several sides, so that pairs of ph
 with a hundred matches and more (Cai et al. 2023 call them doppelgangers). Alone such a pair cannot be told from a right
 one. Together they can: cameras that nearly look along one line at the same side of the object have to match, and where
 photos that a hypothesis puts side by side do not, this speaks against it. Groups of photos are joined, the surest
-first, by the relative rotation with the most matches for it less the matches that it lacks.
+first, by the relative rotation with the most matches for it less the matches that it lacks. A pair that was not among
+the likely ones, and so was never matched, may have as many as the least of its photos' partners: of many photos that
+stand close together most pairs are of this kind.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from lightprobe.core.threads import in_threads
-from lightprobe.preparation.features import Features, pycolmap_library
+from lightprobe.preparation.features import PARTNERS, Features, pycolmap_library
 from lightprobe.preparation.geometry import match_tolerance
 from lightprobe.preparation.mapping import FEWEST_MATCHES, Matches, Pair, focal_length, lens_camera
 
@@ -52,7 +54,7 @@ def consistent(
     focal: focal length over the longer side of each photo, None where unknown.
     """
     edges = _edges(photos, matches, focal, seed)
-    group, rotation = _joined(len(photos), edges)
+    group, rotation = _joined(matches_of_pairs(len(photos), edges, matches), edges)
 
     def agrees(edge: Edge) -> bool:
         i, j = edge.pair
@@ -96,12 +98,21 @@ class _Hypothesis:
     rotation: np.ndarray  # (3, 3), first group's frame to the second's
 
 
-def _joined(count: int, edges: Sequence[Edge]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the group (K,) and the rotation (K, 3, 3) of each of `count` photos."""
-    group, rotation = np.arange(count), np.tile(np.eye(3), (count, 1, 1))
-    strength = np.zeros((count, count))
+def matches_of_pairs(count: int, edges: Sequence[Edge], asked: Collection[Pair]) -> np.ndarray:
+    """Return how many matches that fit each pair of `count` photos has, (K, K), or may have where it was not asked."""
+    strength, known = np.zeros((count, count)), np.eye(count, dtype=bool)
     for edge in edges:
         strength[edge.pair] = strength[edge.pair[::-1]] = len(edge.matches)
+    for pair in asked:
+        known[pair] = known[pair[::-1]] = True
+    least = np.sort(strength, axis=1)[:, -min(PARTNERS, count)]
+    return np.where(known, strength, np.minimum(least[:, None], least[None]))
+
+
+def _joined(strength: np.ndarray, edges: Sequence[Edge]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the group (K,) and the rotation (K, 3, 3) of each photo. strength: as from `_strength`."""
+    count = len(strength)
+    group, rotation = np.arange(count), np.tile(np.eye(3), (count, 1, 1))
     best = np.sort(strength, axis=1)[:, -min(_PARTNERS, count)]
     possible = np.minimum(best[:, None], best[None])
     known: dict[Pair, list[_Hypothesis]] = {}
