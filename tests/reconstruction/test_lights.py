@@ -195,6 +195,59 @@ def test_a_visit_solves_the_light_or_leaves_it_to_gradients():
     assert list(fitting.groups()[0].parameters) == ["light.ball"]
 
 
+def two_sides():
+    """Return the light, and (target, G-buffer) of the front and the back of a plain ball, the back's exposure another."""
+    gbuffer, light = sphere_gbuffer(1500, roughness=0.6), 0.5 * sky(CONFIG.light_resolution).clamp(max=3)
+    operator = cached(CONFIG.light_resolution)
+    turn = torch.tensor([[-1.0, 0, 0], [0, -1, 0], [0, 0, 1]])  # by half a turn about the vertical
+    back = replace(
+        gbuffer, **{name: getattr(gbuffer, name) @ turn for name in ("position", "normal", "view")}
+    )
+    view, none = (
+        View.of(camera_at((3.0, 0, 0), size=1, width=1500), CPU),
+        torch.zeros(1500, 3, dtype=torch.bool),
+    )
+    photos = []
+    for name, seen, gain in (("front", gbuffer, (1.0, 1.0, 1.0)), ("back", back, (1.5, 1.0, 0.8))):
+        color = shade(seen, operator, operator.apply(light)) * torch.tensor(gain)
+        photos.append((Target(name, view, color, torch.ones(1500), none), seen))
+    return light, photos
+
+
+def shared_visits(groups, visits=24):
+    light, photos = two_sides()
+    lights = Lights(["front", "back"], CONFIG, CPU, 0, groups)
+    for step in range(visits):
+        lights.levels(*photos[step % 2], step)
+    return light, lights
+
+
+def test_what_a_photo_does_not_show_of_a_light_comes_from_those_that_share_it():
+    light, alone = shared_visits(())
+    _, together = shared_visits(("table", "table"))
+    _, other = shared_visits(("table", None))
+    assert all(torch.equal(mine, theirs) for mine, theirs in zip(alone.maps, other.maps, strict=True))
+
+    def error(lights):
+        found = lights.maps[0] / lights.maps[0].mean((0, 1, 2))
+        return float((found - light / light.mean((0, 1, 2))).abs().mean())
+
+    assert error(together) < 0.85 * error(alone)
+    level = together.maps[1].mean((0, 1, 2)) / together.maps[0].mean((0, 1, 2))
+    torch.testing.assert_close(level, torch.tensor([1.5, 1.0, 0.8]), rtol=0.1, atol=0)
+
+
+@pytest.mark.long
+def test_shared_lights_are_solved_from_a_recording_as_without_one(monkeypatch):
+    compute_as_a_gpu_does(monkeypatch)
+    _, single = shared_visits(("table", "table"), 6)
+    recorders = record_on_tape(monkeypatch, lights_module)
+    _, recorded = shared_visits(("table", "table"), 6)
+    assert any(recorder.replays for recorder in recorders)
+    for one, other in zip(single.maps, recorded.maps, strict=True):
+        torch.testing.assert_close(one, other, rtol=1e-4, atol=1e-5)
+
+
 def test_only_a_coloured_light_costs():
     lights, (_, _, light) = Lights(["ball"], GRADIENT, CPU, 0), ball()
     assert float(lights.grey_cost(0).detach()) == 0  # they start grey

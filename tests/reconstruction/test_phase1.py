@@ -1,6 +1,7 @@
 """What Phase I keeps of a pass that made things worse, and what it says of an object of few photos."""
 
 import itertools
+from dataclasses import replace
 
 import pytest
 import torch
@@ -58,6 +59,33 @@ def test_held_out_photos_that_are_too_thin_to_judge_by_judge_nothing(tmp_path, m
     assert not torch.equal(
         found.lights[scene.train[0].name].texels, handed[0].lights[0]
     )  # refined, as without any
+
+
+@pytest.mark.slow
+def test_lights_of_one_place_end_more_alike(tmp_path):
+    scene = load_scene(write_toy_scene(tmp_path, train=6, test=1))
+    solved = replace(
+        CONFIG,
+        pass2_side=20,  # so that the third pass has something to add
+        lattice_cells=12,
+        hull_voxels=24,
+        light_update=LightUpdate.SOLVE,
+        light_solve_pixels=60,
+    )
+    grouped = [replace(photo, light_group="table") for photo in scene.train[:3]]
+    together = replace(scene, train=(*grouped, *scene.train[3:]))
+
+    def lights(of):
+        found = phase1.decompose(of, solved)
+        texels = [found.lights[photo.name].texels for photo in scene.train]
+        return [light / light.mean() for light in texels]
+
+    def spread(found):
+        return float((torch.stack(found[:3]).std(0)).mean())
+
+    alone, pulled = lights(scene), lights(together)
+    assert spread(pulled) < 0.9 * spread(alone)
+    assert all(torch.equal(a, b) for a, b in zip(pulled, lights(together), strict=True))
 
 
 @pytest.mark.slow

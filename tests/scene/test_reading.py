@@ -13,6 +13,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.imaging import resize_area, srgb_decode
 from lightprobe.scene import load_alpha, load_pixels, load_scene
 from lightprobe.scene.frame import Problems, Split, unique_names
+from lightprobe.scene.inspect import inspect
 from lightprobe.scene.loading import read_folder, unposed_images
 from tests.scene.worlds import (
     names,
@@ -244,3 +245,17 @@ def test_many_equal_names_take_no_longer_than_others():
 def test_load_scene_reads_a_plain_string(tmp_path):
     root = write_nerd(tmp_path / "scene", views(COUNT))
     assert load_scene(str(root)).format == "nerd"
+
+
+def test_photos_of_one_light_are_told_by_their_group(tmp_path):
+    file = write_nerfstudio(tmp_path / "scene", views(COUNT)) / "transforms.json"
+    data = json.loads(file.read_text())
+    for frame, group in zip(data["frames"], (0, 0, "garden", None), strict=True):
+        frame["light_group"] = group
+    file.write_text(json.dumps(data))
+    assert [photo.light_group for photo in photos(file.parent)] == ["0", "0", "garden", None]
+    assert "lights   shared by 2 photos (light_group)" in inspect(file.parent).lines()
+    data["frames"][1]["light_group"] = 1.5
+    file.write_text(json.dumps(data))
+    with pytest.raises(InputError, match=r"'light_group' must be a name or a whole number, not 1\.5"):
+        photos(file.parent)

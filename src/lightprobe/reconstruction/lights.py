@@ -2,9 +2,14 @@
 
 With geometry and material held, a photo is linear in its light. So each visit can solve for the light in
 closed form (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
+
+Photos of one place (`Photo.light_group`) were taken under one light, up to exposure and white balance. What one of them does not
+show of it, the others may: where its pixels do not pin a light, it is pulled to the mean of the others'. It is not
+forced to be theirs, as what stands close by, the table above all, is seen at another place in the mirror of another
+view.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import torch
 from torch import Tensor
@@ -23,9 +28,11 @@ from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_f
 # Of solved lights while the asset changes, as too smooth a light asks for too glossy a surface; and of held-out
 # photos' lights and those that are kept.
 REGULARISATION, FINAL_REGULARISATION = 0.001, 0.003
+SHARED_REGULARISATION = 0.01  # of both, of a light that other photos show as well
 GREY = 0.005  # weight of the deviation from grey of a light that is fitted by gradients; nvdiffrec's
 _ITERATIONS = 5  # of a solve, which starts from the light of the previous visit
 _RATE = 0.005  # Adam step of a light that is fitted by gradients (paper, 4.2)
+_DARKEST = 1e-6  # mean radiance that a light is compared with at least
 
 
 def solve_target_light(
@@ -38,13 +45,14 @@ def solve_target_light(
     times: int = 1,
     *,
     regularisation: float = REGULARISATION,
+    expected: Tensor | None = None,
 ) -> Tensor:
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. The
     light is solved `times` times, first from `start`, then from the last light. Places that the pixels do not
     pin are pulled towards the mean colour of the light that a solve starts from, with the weight
-    `regularisation`.
+    `regularisation`, or towards `expected` (6, R, R, 3), of mean 1, times this colour.
 
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
     there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
@@ -54,7 +62,8 @@ def solve_target_light(
     for _ in range(times):
         last = transport.lit(light)
         weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
-        prior = light.mean((0, 1, 2)).expand_as(light)
+        mean = light.mean((0, 1, 2))
+        prior = mean.expand_as(light) if expected is None else mean * expected
         solved = solve_light(
             transport,
             observed,
@@ -86,11 +95,18 @@ class LightSolver:
 
     @torch.no_grad()
     def __call__(
-        self, observed: Tensor, clipped: Tensor, gbuffer: GBuffer, rows: Tensor, start: Tensor
+        self,
+        observed: Tensor,
+        clipped: Tensor,
+        gbuffer: GBuffer,
+        rows: Tensor,
+        start: Tensor,
+        expected: Tensor | None = None,
     ) -> Tensor:
         """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64, K > 0, best.
 
-        observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer.
+        observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer. expected: as
+        there; a solver is given one every time, or never.
         """
         vertices = 0 if gbuffer.visibility is None else len(gbuffer.visibility.vertices.unoccluded)
         if vertices != self._vertices:  # the old record would never fit again
@@ -100,23 +116,53 @@ class LightSolver:
             rows = rows[torch.arange(count, device=rows.device) * len(rows) // count]
         part = gbuffer.select(rows)
         if self._solve is None:
-            self._solve = RecordedStep(self._step(part), self._recorder)
-        return self._solve(observed[rows], clipped[rows], start, *part.tensors())
+            self._solve = RecordedStep(self._step(part, shared=expected is not None), self._recorder)
+        pull = () if expected is None else (expected,)
+        return self._solve(observed[rows], clipped[rows], start, *pull, *part.tensors())
 
-    def _step(self, like: GBuffer) -> Callable[..., Tensor]:
+    def _step(self, like: GBuffer, *, shared: bool) -> Callable[..., Tensor]:
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
-            seen = like.holding(tensors)
-            return solve_target_light(observed, clipped, seen, start, None, self._config, self._times)
+            seen = like.holding(tensors[shared:])
+            return solve_target_light(
+                observed,
+                clipped,
+                seen,
+                start,
+                None,
+                self._config,
+                self._times,
+                regularisation=SHARED_REGULARISATION if shared else REGULARISATION,
+                expected=tensors[0] if shared else None,
+            )
 
         return step
+
+
+def expected_light(others: Sequence[Tensor]) -> Tensor | None:
+    """Return the mean of lights (6, R, R, 3) of one place, each over its own mean colour; None for none."""
+    if not others:
+        return None
+    return torch.stack([light / light.mean((0, 1, 2)).clamp(min=_DARKEST) for light in others]).mean(0)
 
 
 class Lights:
     """One cubemap (6, R, R, 3) per training photo; separate tensors: Adam leaves unvisited lights alone."""
 
-    def __init__(self, names: list[str], config: DecomposeConfig, device: torch.device, seed: int):
-        """Start with grey lights of the photos `names`."""
+    def __init__(
+        self,
+        names: list[str],
+        config: DecomposeConfig,
+        device: torch.device,
+        seed: int,
+        groups: Sequence[str | None] = (),
+    ):
+        """Start with grey lights of the photos `names`. groups: what each shares its light by; without: none does."""
         self.index = {name: i for i, name in enumerate(names)}
+        told = groups or [None] * len(names)
+        self._others = [
+            [k for k, group in enumerate(told) if group == own and k != row] if own is not None else []
+            for row, own in enumerate(told)
+        ]
         self.config = config
         self.seed = seed
         resolution = config.light_resolution
@@ -125,6 +171,7 @@ class Lights:
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
         self._solver = LightSolver(config, device, config.light_solve_pixels)
+        self._shared_solver = LightSolver(config, device, config.light_solve_pixels)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` distinct rows (K,) int64 of the G-buffer that lie inside the mask, at random."""
@@ -140,8 +187,14 @@ class Lights:
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
             observed, clipped = target.color[gbuffer.pixel], target.clipped[gbuffer.pixel]
-            self.maps[row] = self._solver(observed, clipped, gbuffer, rows, self.maps[row])
+            expected = self.expected(row)
+            solver = self._solver if expected is None else self._shared_solver
+            self.maps[row] = solver(observed, clipped, gbuffer, rows, self.maps[row], expected)
         return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
+
+    def expected(self, row: int) -> Tensor | None:
+        """Return what a photo's light is pulled to, as in `solve_target_light`; None where it shares it with none."""
+        return expected_light([self.maps[other] for other in self._others[row]])
 
     def grey_cost(self, row: int) -> Tensor:
         """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""

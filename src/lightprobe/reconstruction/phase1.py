@@ -14,7 +14,7 @@ from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake, fill_unseen
 from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.lights import Lights, expected_light
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -123,7 +123,8 @@ class _Phase:
 
     def lights(self, stacked: Tensor | None = None) -> Lights:
         """Return the fitted photos' lights, grey or those given; raise `ValueError` when one is missing."""
-        lights = Lights([photo.name for photo in self.fitted], self.config, self.device, self.seed)
+        names, groups = [p.name for p in self.fitted], [p.light_group for p in self.fitted]
+        lights = Lights(names, self.config, self.device, self.seed, groups)
         if stacked is not None:
             lights.load(stacked)
         return lights
@@ -211,7 +212,7 @@ class _Phase:
         """Return the lights (6, R, R, 3) of all training photos for the finished asset.
 
         Lights fitted by gradients stay as they are (paper); solved ones are solved once more, at
-        `teacher_resolution`.
+        `teacher_resolution`, those of one place pulled to each other.
         """
         final: list[Tensor] = []
         config, train = self.config, self.scene.train
@@ -222,6 +223,17 @@ class _Phase:
                 final.append(start.detach())
                 continue
             (target,) = self.targets([photo], config.pass1_side)
-            final.append(fit_light(asset, target, resolution, config, self.seed, start)[1])
+            known = () if lights.gradient else self._one_light(photo)
+            expected = expected_light([lights.maps[lights.index[other.name]] for other in known])
+            final.append(fit_light(asset, target, resolution, config, self.seed, start, expected)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final
+
+    def _one_light(self, photo: Photo) -> list[Photo]:
+        """Return the other fitted photos that share a photo's light."""
+        group = photo.light_group
+        return (
+            [other for other in self.fitted if other.light_group == group and other is not photo]
+            if group
+            else []
+        )

@@ -18,7 +18,12 @@ from lightprobe.geometry.textures import bilinear_taps
 from lightprobe.kernels import weighted_gather
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.image_objective import PassObjective
-from lightprobe.reconstruction.lights import Lights, solve_target_light
+from lightprobe.reconstruction.lights import (
+    REGULARISATION,
+    SHARED_REGULARISATION,
+    Lights,
+    solve_target_light,
+)
 from lightprobe.reconstruction.losses import brightness_anchor, grey_world, material_prior
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -122,7 +127,7 @@ class TextureObjective(PassObjective):
         rows, levels = [self.lights.index[photo.name] for photo in seen], []
         for (_, epoch), photo, row in zip(visits, seen, rows, strict=True):
             if not self.lights.gradient and epoch % _RELIGHT == 0:
-                self.lights.maps[row] = self._solve(photo, self.lights.maps[row])
+                self.lights.maps[row] = self._solve(photo, row)
             levels.append(self.lights.prefilter.apply(self.lights.maps[row]))
         pixels = sum(len(photo.color) for photo in seen)
         random = generator(self._seed, "texture-smoothness", step)
@@ -171,12 +176,23 @@ class TextureObjective(PassObjective):
         return material, neighbours
 
     @torch.no_grad()
-    def _solve(self, photo: PhotoPixels, start: Tensor) -> Tensor:
+    def _solve(self, photo: PhotoPixels, row: int) -> Tensor:
+        start, expected = self.lights.maps[row], self.lights.expected(row)
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
         some = photo.select(rows * len(photo.color) // max(len(rows), 1))
         material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
         gbuffer = self._gbuffer(some.surface, material)
-        return solve_target_light(some.color, some.clipped, gbuffer, start, rows, self.config)
+        weight = REGULARISATION if expected is None else SHARED_REGULARISATION
+        return solve_target_light(
+            some.color,
+            some.clipped,
+            gbuffer,
+            start,
+            rows,
+            self.config,
+            regularisation=weight,
+            expected=expected,
+        )
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])

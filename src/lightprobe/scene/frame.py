@@ -34,6 +34,7 @@ class Frame:
     mask: Path | None = None
     split: Split | None = None  # None: no split given, the loader makes one
     truth: Truth = field(default_factory=Truth)
+    light_group: str | None = None  # as `Photo.light_group`
 
 
 class Problems:

@@ -61,6 +61,7 @@ class Inspection:
     hints: tuple[str, ...]
     encodings: str = ""  # colour encodings that are converted, with how many photos have each
     read_files: tuple[Path, ...] = ()  # photos and masks
+    light_groups: tuple[int, ...] = ()  # numbers of photos that share a light
 
     @property
     def mean_iou(self) -> float | None:
@@ -83,6 +84,8 @@ class Inspection:
             shares = [100 * photo.mask.mean() for photo in self.photos]
             covered = f"{min(shares):.0f} to {max(shares):.0f} % of a photo, mean {np.mean(shares):.0f} %"
             facts += [exposures([photo.ev100 for photo in self.photos]), f"masks    object covers {covered}"]
+        if self.light_groups:
+            facts.append(f"lights   shared by {', '.join(map(str, self.light_groups))} photos (light_group)")
         if self.encodings:
             facts.append(f"colours  converted to sRGB: {self.encodings}")
         if self.similarity is not None:
@@ -107,6 +110,7 @@ def inspect(path: Path) -> Inspection:
     problems.messages += encoding_sentences(every)
     problems.messages += [sentence] if (sentence := without_background(alphas)[1]) else []
     similarity, photos = _carve(reading, photos, alphas, problems)
+    together = Counter(photo.light_group for photo in every if photo.light_group is not None)
     return Inspection(
         reading.root,
         reading.format,
@@ -116,6 +120,7 @@ def inspect(path: Path) -> Inspection:
         tuple(_hints(reading, photos, alphas)),
         converted_encodings(photo.encoding for photo in every),
         tuple(path for photo in every for path in (photo.image_path, photo.mask_path) if path is not None),
+        tuple(count for count in together.values() if count > 1),
     )
 
 

@@ -159,4 +159,4 @@ def _photo(frame: Frame, name: str, masks: MaskFolder) -> Photo:
     camera = fit_camera(camera, frame.image, frame.source)
     mask = frame.mask or masks.find(frame.image)
     exposure, encoding = read_exif_ev100(frame.image), foreign_encoding(frame.image)
-    return Photo(name, camera, frame.image, mask, exposure, frame.truth, encoding)
+    return Photo(name, camera, frame.image, mask, exposure, frame.truth, encoding, frame.light_group)

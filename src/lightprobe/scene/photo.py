@@ -40,6 +40,7 @@ class Photo:
     ev100: float | None = None  # exposure value from EXIF, if complete
     truth: Truth = field(default_factory=Truth)
     encoding: str | None = None  # colour encoding that the file declares and that is not sRGB
+    light_group: str | None = None  # what photos under one light have in common; None: nothing is known
 
 
 def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -4,7 +4,8 @@
 `transform_matrix` is camera-to-world with OpenGL axes. Intrinsics may stand in the frame or beside `frames`.
 Photos are split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else
 by nerfstudio's `train_filenames` and `test_filenames`, or `val_filenames` when there is no `test_filenames`.
-Where there is a list of training photos, nothing else is trained on.
+Where there is a list of training photos, nothing else is trained on. Frames with one `light_group`, a name or a number,
+were taken under one light.
 """
 
 import math
@@ -96,7 +97,20 @@ def _frame(root: Path, path: Path, settings: dict[str, Any], split: Split | None
             )
 
     image, truth = _image(root, path, settings), _truth(root, path, settings)
-    return Frame(image, source, lambda *size: frame_camera(settings, source, *size), mask, split, truth)
+    group = _light_group(settings, source)
+    return Frame(
+        image, source, lambda *size: frame_camera(settings, source, *size), mask, split, truth, group
+    )
+
+
+def _light_group(settings: dict[str, Any], source: str) -> str | None:
+    """Return the name of the light that the photo shares with others, None where none is given."""
+    group = settings.get("light_group")
+    if group is None:
+        return None
+    if isinstance(group, bool) or not isinstance(group, str | int):
+        raise InputError(f"{source}: 'light_group' must be a name or a whole number, not {shown(group)}.")
+    return str(group)
 
 
 def _image(root: Path, path: Path, settings: dict[str, Any]) -> Path:
