@@ -7,7 +7,11 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction import validation
-from lightprobe.reconstruction.lights import FINAL_REGULARISATION, REGULARISATION
+from lightprobe.reconstruction.lights import (
+    FINAL_REGULARISATION,
+    REGULARISATION,
+    SHARED_REGULARISATION,
+)
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
@@ -75,13 +79,14 @@ def test_a_light_of_an_asset_that_stays_is_pulled_as_final_lights_are(monkeypatc
     (photo,) = targets(true, 1)
     pulls, solve = [], validation.solve_target_light
 
-    def watched(*given, regularisation=None):
+    def watched(*given, regularisation, **named):
         pulls.append(regularisation)
-        return solve(*given, regularisation=regularisation)
+        return solve(*given, regularisation=regularisation, **named)
 
     monkeypatch.setattr(validation, "solve_target_light", watched)
     fit_light(true, photo, 16, CONFIG, 0)
-    assert pulls == [FINAL_REGULARISATION]
+    fit_light(true, photo, 16, CONFIG, 0, expected=torch.ones(6, 16, 16, 3))
+    assert pulls == [FINAL_REGULARISATION, SHARED_REGULARISATION]
     assert FINAL_REGULARISATION > REGULARISATION
 
 

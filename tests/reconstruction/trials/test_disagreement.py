@@ -55,11 +55,11 @@ def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
     explained, solve, calls = shade_under(true, light), lights_module.solve_target_light, []
 
-    def checked(observed, clipped, pixels, *rest):
+    def checked(observed, clipped, pixels, *rest, **named):
         rows = pixels.pixel
         assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])
         calls.append(len(rows))
-        return solve(observed, clipped, pixels, *rest)
+        return solve(observed, clipped, pixels, *rest, **named)
 
     monkeypatch.setattr(lights_module, "solve_target_light", checked)
     photo = photo + 0.1  # no longer what the surface explains
