@@ -110,7 +110,7 @@ def matches_of_pairs(count: int, edges: Sequence[Edge], asked: Collection[Pair])
 
 
 def _joined(strength: np.ndarray, edges: Sequence[Edge]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the group (K,) and the rotation (K, 3, 3) of each photo. strength: as from `_strength`."""
+    """Return the group (K,) and the rotation (K, 3, 3) of each photo. strength: as from `matches_of_pairs`."""
     count = len(strength)
     group, rotation = np.arange(count), np.tile(np.eye(3), (count, 1, 1))
     best = np.sort(strength, axis=1)[:, -min(_PARTNERS, count)]

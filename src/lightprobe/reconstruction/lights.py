@@ -158,11 +158,7 @@ class Lights:
     ):
         """Start with grey lights of the photos `names`. groups: what each shares its light by; without: none does."""
         self.index = {name: i for i, name in enumerate(names)}
-        told = groups or [None] * len(names)
-        self._others = [
-            [k for k, group in enumerate(told) if group == own and k != row] if own is not None else []
-            for row, own in enumerate(told)
-        ]
+        self._groups = dict(enumerate(groups))
         self.config = config
         self.seed = seed
         resolution = config.light_resolution
@@ -194,7 +190,12 @@ class Lights:
 
     def expected(self, row: int) -> Tensor | None:
         """Return what a photo's light is pulled to, as in `solve_target_light`; None where it shares it with none."""
-        return expected_light([self.maps[other] for other in self._others[row]])
+        return self.expected_in(self._groups.get(row), row)
+
+    def expected_in(self, group: str | None, own: int | None) -> Tensor | None:
+        """Return what the light of a photo of a group is pulled to; own: its row, None where it was held out."""
+        rows = [row for row, other in self._groups.items() if other == group and row != own]
+        return expected_light([self.maps[row] for row in rows]) if group is not None else None
 
     def grey_cost(self, row: int) -> Tensor:
         """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""

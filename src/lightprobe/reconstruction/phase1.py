@@ -14,7 +14,7 @@ from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake, fill_unseen
 from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import Lights, expected_light
+from lightprobe.reconstruction.lights import Lights
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -223,17 +223,8 @@ class _Phase:
                 final.append(start.detach())
                 continue
             (target,) = self.targets([photo], config.pass1_side)
-            known = () if lights.gradient else self._one_light(photo)
-            expected = expected_light([lights.maps[lights.index[other.name]] for other in known])
+            own, group = lights.index.get(photo.name), None if lights.gradient else photo.light_group
+            expected = lights.expected_in(group, own)
             final.append(fit_light(asset, target, resolution, config, self.seed, start, expected)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final
-
-    def _one_light(self, photo: Photo) -> list[Photo]:
-        """Return the other fitted photos that share a photo's light."""
-        group = photo.light_group
-        return (
-            [other for other in self.fitted if other.light_group == group and other is not photo]
-            if group
-            else []
-        )
