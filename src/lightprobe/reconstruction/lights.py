@@ -193,7 +193,7 @@ class Lights:
         return self.expected_in(self._groups.get(row), row)
 
     def expected_in(self, group: str | None, own: int | None) -> Tensor | None:
-        """Return what the light of a photo of a group is pulled to; own: its row, None where it was held out."""
+        """Return what the light of a photo of a group is pulled to, (6, R, R, 3); own: its row, None if held out."""
         rows = [row for row, other in self._groups.items() if other == group and row != own]
         return expected_light([self.maps[row] for row in rows]) if group is not None else None
 
