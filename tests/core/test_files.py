@@ -8,7 +8,14 @@ import pytest
 
 from lightprobe.core import partial
 from lightprobe.core.errors import ConfigError, InputError
-from lightprobe.core.files import append_text, filled_folder, named_file, refuse_replacing, write_bytes
+from lightprobe.core.files import (
+    append_text,
+    filled_folder,
+    inside,
+    named_file,
+    refuse_replacing,
+    write_bytes,
+)
 from lightprobe.core.run import RunFolder
 
 LEFTOVER = ".partial-lightprobe-abcd_123"
@@ -149,3 +156,21 @@ def test_without_locks_only_the_holder_of_a_run_clears_leftovers(tmp_path, monke
     assert sorted(os.listdir(tmp_path)) == [LEFTOVER, "a"]
     partial.clear_run(tmp_path)
     assert os.listdir(tmp_path) == ["a"]
+
+
+def test_links_are_followed_only_where_they_may_be(tmp_path):
+    root, elsewhere = tmp_path / "scene", tmp_path / "disk"
+    root.mkdir()
+    elsewhere.mkdir()
+    (elsewhere / "a.png").write_text("x")
+    (root / "images").symlink_to(elsewhere)
+    (root / "loop").symlink_to("loop")
+    with pytest.raises(InputError, match="lies outside"):
+        inside(root, "images/a.png", source=root)
+    assert inside(root, "images/a.png", source=root, follow_links=True) == root.resolve() / "images" / "a.png"
+    for written in ("../disk/a.png", "images/../../disk/a.png", str(elsewhere / "a.png")):
+        with pytest.raises(InputError, match="lies outside"):
+            inside(root, written, source=root, follow_links=True)
+    for written in ("loop", "images/\0/../../../x", "x" * 5000):
+        with pytest.raises(InputError, match="is no file name"):
+            inside(root, written, source=root, follow_links=True)

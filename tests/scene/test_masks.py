@@ -12,6 +12,7 @@ from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import write_mask
 from lightprobe.scene import load_alpha, load_photo, load_scene
 from lightprobe.scene.inspect import inspect
+from lightprobe.scene.masks import MaskFolder
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc, own_srgb
 from tests.scene.worlds import (
     expected_camera,
@@ -208,3 +209,76 @@ def test_a_new_photo_with_an_unreadable_profile(tmp_path):
     (tmp_path / "c.json").write_text(json.dumps(expected_camera(views(4)[1]).to_json()))
     with pytest.warns(LightprobeWarning, match="an ICC profile that cannot be read"):
         load_photo(root / "images" / "view_01.png", tmp_path / "c.json", root / "masks" / "view_01.png")
+
+
+# Photos and masks that could be each other's
+
+
+def pairs(root, photos, masks):
+    """Write photos and masks; return which mask each photo gets, by its path below `masks/`."""
+    for number, name in enumerate((*photos, *masks)):
+        place = root / ("images" if number < len(photos) else "masks") / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("L", (30, 20)).save(place)
+    files = [root / "images" / name for name in photos]
+    folder = MaskFolder(root, files)
+    return [mask and mask.relative_to(root / "masks").as_posix() for mask in map(folder.find, files)]
+
+
+@pytest.mark.parametrize(
+    ("photos", "masks", "expected"),
+    [
+        (["p.png", "p.jpg"], ["p.png.png", "p.jpg.png"], ["p.png.png", "p.jpg.png"]),
+        (["p.png", "p.jpg"], ["p.png", "p.jpg"], ["p.png", "p.jpg"]),
+        (["p.png", "p.jpg"], ["p.png", "p.jpg.png"], ["p.png", "p.jpg.png"]),
+        (["p.png", "q.jpg"], ["p.png"], ["p.png", None]),
+        (["p.png"], ["p.png", "p.jpg"], ["p.png"]),
+        (["a/p.png", "b/p.png"], ["a/p.png", "b/p.png"], ["a/p.png", "b/p.png"]),
+        (["IMG_1.JPG", "IMG_2.JPG"], ["img_1.png", "IMG_2.jpg.png"], ["img_1.png", "IMG_2.jpg.png"]),
+        (["p.png", "P.png"], ["p.png", "P.png"], ["p.png", "P.png"]),
+        (["\u00fc.png"], ["u\u0308.png"], ["u\u0308.png"]),
+        (["p.q.png", "p.jpg"], ["p.q.png"], ["p.q.png", None]),
+    ],
+)
+def test_masks_of_photos_of_like_names(tmp_path, photos, masks, expected):
+    assert pairs(tmp_path, photos, masks) == expected
+
+
+@pytest.mark.parametrize(
+    ("photos", "masks", "said"),
+    [
+        (
+            ["p.jpg", "p.png"],
+            ["p.png"],
+            r"masks/p\.png could be the mask of 2 photos .* in .*/masks/p\.jpg\.png",
+        ),
+        (["p.jpg", "p.png"], ["p.webp"], r"p\.webp could be the mask of 2 photos named p"),
+        (
+            ["p.webp"],
+            ["p.png", "p.jpg"],
+            r"p\.jpg and .*p\.png could both be the mask of .*p\.webp; remove one",
+        ),
+        (["p.jpg", "P.jpg"], ["p.png"], r"could be the mask of 2 photos named p"),
+        (
+            ["p.png", "left/p.png"],
+            ["p.png"],
+            r"could be the mask of 2 photos .*give each photo a mask of its own",
+        ),
+        (
+            ["a/p.png", "b/p.png"],
+            ["p.png"],
+            r"could be the mask of 2 photos named p, .* in .*/masks/a/p\.png",
+        ),
+    ],
+)
+def test_masks_that_several_photos_would_share_and_several_masks_of_a_photo(tmp_path, photos, masks, said):
+    with pytest.raises(InputError, match=said) as caught:
+        pairs(tmp_path, photos, masks)
+    assert str(caught.value).endswith(".")
+
+
+def test_a_folder_of_masks_in_capitals(tmp_path):
+    pairs(tmp_path, ["p.png"], ["p.png"])
+    (tmp_path / "masks").rename(tmp_path / "Masks")
+    image = tmp_path / "images/p.png"
+    assert MaskFolder(tmp_path, [image]).find(image) == tmp_path / "Masks/p.png"

@@ -15,7 +15,7 @@ from filelock import FileLock, Timeout
 
 from lightprobe.core.errors import ConfigError, InputError, LockedError, ResourceError, shown
 from lightprobe.core.partial import partial_file, partial_folder
-from lightprobe.core.reading import LARGEST_TEXT, check_file
+from lightprobe.core.reading import LARGEST_TEXT, check_file, decode_text
 
 _LONGEST_NAME = 255  # bytes of a file's name, on all systems in use
 
@@ -135,7 +135,7 @@ def read_json(path: Path) -> Any:
     """Return the value of a JSON file; raise `InputError` naming file and line where it is damaged."""
     check_file(path, LARGEST_TEXT)
     try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
+        return json.loads(decode_text(Path(path).read_bytes()))
     except FileNotFoundError as error:
         raise InputError(f"{path} does not exist.") from error
     except (OSError, UnicodeDecodeError) as error:
@@ -182,14 +182,18 @@ def shell_word(value: object) -> str:
     return shlex.quote(str(value))
 
 
-def inside(root: Path, relative: str, *, source: Path) -> Path:
+def inside(root: Path, relative: str, *, source: Path, follow_links: bool = False) -> Path:
     """Return `root/relative`, refusing a path that leaves `root` (absolute, `..`, or through a link).
 
-    Refused as well: what cannot be a file's name, such as one with a zero byte, too long, or a link to
-    itself. `source` is the file that named the path and appears in the error.
+    With `follow_links`, links that lie in `root` may lead elsewhere, as their owner has put them there. Refused as
+    well: what cannot be a file's name, such as one with a zero byte, too long, or a link to itself. `source` is
+    the file that named the path and appears in the error.
     """
     root = Path(root).resolve()
     candidate = resolved(root / relative)
+    if follow_links and candidate is not None:
+        place = Path(os.path.normpath(root / relative))
+        candidate = place if place.is_relative_to(root) and resolved(place) is not None else candidate
     if candidate is None:
         raise InputError(
             f"{source} names '{shown(relative)}', which is no file name or lies where nothing may be read; correct it."

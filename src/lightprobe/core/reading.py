@@ -5,6 +5,7 @@ takes all memory, so a file is looked at before it is opened.
 """
 
 import io
+import json
 import os
 import stat
 from pathlib import Path
@@ -58,3 +59,11 @@ def check_file(path: Path, largest: int) -> None:
             f"{path} has {found.st_size / 1e9:.1f} GB, more than the {largest / 1e9:.1f} GB that are read of such a "
             "file; check that it is the right one."
         )
+
+
+def decode_text(content: bytes) -> str:
+    """Return the text of a file in UTF-8, UTF-16 or UTF-32, without its byte order mark, if it has one.
+
+    Raises `UnicodeDecodeError` for anything else.
+    """
+    return content.decode(json.detect_encoding(content))

@@ -6,21 +6,25 @@ translation.
 
 import math
 import struct
+import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from lightprobe.core.errors import InputError, shown
-from lightprobe.core.files import inside
-from lightprobe.core.reading import LARGEST_MODEL, check_file
+from lightprobe.core.errors import InputError, LightprobeWarning, shown
+from lightprobe.core.reading import LARGEST_MODEL, check_file, decode_text
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.distortion import ADVICE, with_lens
+from lightprobe.scene.file_names import SceneFiles
 from lightprobe.scene.frame import Frame, Problems
 from lightprobe.scene.lens import Lens
 
-_MODEL_FOLDERS = ("sparse/0", "sparse", "colmap/sparse/0", "colmap/sparse", ".")
+_MODEL_FOLDERS = ("sparse", "colmap/sparse", ".")
+_FILES = tuple(f"{part}.{kind}" for part in ("cameras", "images") for kind in ("bin", "txt"))
+_SHOWN = 3  # models that a sentence names
+_POSE_WORDS = 9  # of a line of an image, before its name
 # COLMAP's camera models by their numbers
 _NAMES = ["SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV"]
 _NAMES += ["FOV", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE"]
@@ -73,55 +77,106 @@ class _View:
 
 
 def find_model(root: Path) -> Path | None:
-    """Return the first folder of `root` that holds a COLMAP model, or a part of one, or None."""
-    names = [f"{part}.{kind}" for part in ("cameras", "images") for kind in ("bin", "txt")]
-    folders = (root / sub for sub in _MODEL_FOLDERS)
-    return next((model for model in folders if any((model / name).is_file() for name in names)), None)
+    """Return the folder of `root` that holds a COLMAP model, or a part of one, or None; of several the largest."""
+    models = _models(root)
+    return max(models, key=_registered) if len(models) > 1 else models[0] if models else None
+
+
+def _models(root: Path) -> list[Path]:
+    """Return the models of a folder: those numbered by COLMAP's mapper, else the only one."""
+    for folder in (root / sub for sub in _MODEL_FOLDERS):
+        numbered = [path for path in folder.glob("[0-9]*") if path.name.isdecimal() and _is_model(path)]
+        if numbered and folder != root:
+            return sorted(numbered, key=lambda path: int(path.name))
+        if _is_model(folder):
+            return [folder]
+    return []
+
+
+def _is_model(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in _FILES)
+
+
+def _registered(model: Path) -> int:
+    """Return how many images a model has, 0 where that cannot be read."""
+    broken = Problems(collect=True)
+    with broken.guard():
+        images = _model_files(model)[1]
+        if images.suffix == ".txt":
+            return len(_read_images_text(images, broken))
+        return int(_Binary(images, 8).take("Q")[0])
+    return 0
+
+
+def _model_files(model: Path) -> tuple[Path, Path]:
+    """Return the files of cameras and images of a model, binary where there are both; refuse half a model."""
+    kinds = [[model / f"{part}.{kind}" for part in ("cameras", "images")] for kind in ("bin", "txt")]
+    whole = [paths for paths in kinds if all(path.is_file() for path in paths)]
+    paths = whole[0] if whole else next(paths for paths in kinds if any(path.is_file() for path in paths))
+    for path in paths:
+        if not path.is_file():
+            raise InputError(
+                f"{path} is missing; a COLMAP model needs both cameras{path.suffix} and images{path.suffix}."
+            )
+        check_file(path, LARGEST_MODEL)
+    return paths[0], paths[1]
+
+
+def _warn_of_others(root: Path, model: Path, count: int) -> None:
+    """Warn that COLMAP has put the photos into several models, which have nothing in common."""
+    others = {other: _registered(other) for other in _models(root) if other != model}
+    if others and count >= max(others.values()):  # else the model was chosen by its own folder
+        some = list(others.items())[:_SHOWN]
+        listed = ", ".join(f"{other.relative_to(root)} with {images}" for other, images in some)
+        warnings.warn(
+            f"{root} holds {len(others) + 1} COLMAP models: the largest, {model.relative_to(root)} with {count} photos, "
+            f"is read, and not {listed}{', ...' if len(others) > _SHOWN else ''}.",
+            LightprobeWarning,
+            stacklevel=3,
+        )
 
 
 def read_colmap(root: Path, model: Path, problems: Problems) -> list[Frame]:
     """Return the frames of the model in folder `model`, with photos of `root/images`, else of `root`."""
-    suffix = "bin" if any((model / f"{part}.bin").is_file() for part in ("cameras", "images")) else "txt"
-    paths = [model / f"{part}.{suffix}" for part in ("cameras", "images")]
-    for path in paths:
-        if not path.is_file():
-            raise InputError(
-                f"{path} is missing; a COLMAP model needs both cameras.{suffix} and images.{suffix}."
-            )
-        check_file(path, LARGEST_MODEL)
+    paths = _model_files(model)
+    is_binary = paths[0].suffix == ".bin"
     lenses, views = dict[int, _Model](), list[_View]()
     with problems.guard():
-        lenses = (_read_cameras_binary if suffix == "bin" else _read_cameras_text)(paths[0], problems)
+        lenses = (_read_cameras_binary if is_binary else _read_cameras_text)(paths[0], problems)
     with problems.guard():
-        views = (_read_images_binary if suffix == "bin" else _read_images_text)(paths[1], problems)
+        views = (_read_images_binary if is_binary else _read_images_text)(paths[1], problems)
     if not views and not problems.messages:
         raise InputError(f"{paths[1]} holds no registered images; run the COLMAP reconstruction again.")
-    folder = root / "images" if (root / "images").is_dir() else root
-    found = []
+    _warn_of_others(root, model, len(views))
+    files, found = SceneFiles(root, paths[1], places=("images", "")), []
     for view in views:
         with problems.guard():
-            found.append(_frame(folder, paths, lenses, view))
+            found.append(_frame(files, paths, lenses, view))
+    files.warn_of_moved()
     return found
 
 
-def _content(path: Path) -> bytes:
+def _content(path: Path, size: int = -1) -> bytes:
     try:
-        return path.read_bytes()
+        with open(path, "rb") as file:
+            return file.read(size)
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
 
 
 def _text(content: bytes, path: Path) -> str:
     try:
-        return content.decode("utf-8")
+        return content.decode("utf-8") if path.suffix == ".bin" else decode_text(content)
     except UnicodeDecodeError as error:
         raise InputError(f"{path} cannot be read: it holds text that is not UTF-8.") from error
 
 
-def _frame(folder: Path, paths: list[Path], lenses: dict[int, _Model], view: _View) -> Frame:
-    image = inside(folder, view.name, source=paths[1])
-    if not image.is_file():
-        raise InputError(f"{paths[1]} names the photo '{shown(view.name)}', which is not in {folder}.")
+def _frame(files: SceneFiles, paths: tuple[Path, Path], lenses: dict[int, _Model], view: _View) -> Frame:
+    image = files.find(view.name)
+    if image is None:
+        raise InputError(
+            f"{paths[1]} names the photo '{shown(view.name)}', which is not in {files.folder}{files.missing(view.name)}."
+        )
     if view.lens not in lenses:
         raise InputError(
             f"{paths[1]}: '{shown(view.name)}' uses camera {shown(view.lens)}, which is not in {paths[0].name}."
@@ -166,8 +221,9 @@ def _pose(view: _View, source: str) -> np.ndarray:
 class _Binary:
     """A little-endian binary file read from front to back."""
 
-    def __init__(self, path: Path):
-        self.path, self._data, self._position = path, _content(path), 0
+    def __init__(self, path: Path, size: int = -1):
+        """Read the first `size` bytes of a file, by default all."""
+        self.path, self._data, self._position = path, _content(path, size), 0
 
     def take(self, layout: str) -> tuple:
         """Return the next values of a `struct` layout."""
@@ -220,8 +276,8 @@ def _read_images_binary(path: Path, problems: Problems) -> list[_View]:
 
 def _read_cameras_text(path: Path, problems: Problems) -> dict[int, _Model]:
     lenses = {}
-    for number, words in _lines(path, str.split):
-        if words:
+    for number, line in _lines(path):
+        if words := line.split():
             with problems.guard():
                 key, lens = _lens(f"{path} line {number}", words)
                 lenses[key] = lens
@@ -243,15 +299,43 @@ def _lens(source: str, words: list[str]) -> tuple[int, _Model]:
 
 
 def _read_images_text(path: Path, problems: Problems) -> list[_View]:
-    """Read images.txt: two lines per image, of which the second, the observed points, may be empty."""
-    views = []
-    lines = _lines(path, lambda line: line.split(maxsplit=9))
-    for number, words in lines:
-        if words:
-            next(lines, None)
+    """Read images.txt: a line for each image and one of its observed points, which may be empty or missing."""
+    views, has_points = [], False  # of the image before
+    for number, line in _lines(path):
+        words = line.split(maxsplit=_POSE_WORDS)
+        if has_points and not _is_view(words):
+            has_points = False
+            if not _are_points(line):
+                with problems.guard():
+                    raise InputError(
+                        f"{path} line {number} is no list of points (x, y and a number for each), nor an image; write "
+                        "the model again."
+                    )
+        elif words:
+            has_points = True
             with problems.guard():
                 views.append(_view(f"{path} line {number}", words))
     return views
+
+
+def _are_points(line: str) -> bool:
+    """Return whether a line may be the observed points of an image, which are many: only their ends are read."""
+    words = line.split()
+    return not words or (len(words) % 3 == 0 and all(map(_is_number, words[:3] + words[-3:])))
+
+
+def _is_view(words: list[str]) -> bool:
+    """Return whether a line's words are those of an image."""
+    numbers, name = words[:_POSE_WORDS], "".join(words[_POSE_WORDS:]).strip()
+    return bool(name) and not _is_number(name) and all(map(_is_number, numbers))
+
+
+def _is_number(word: str) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True
 
 
 def _view(source: str, words: list[str]) -> _View:
@@ -263,8 +347,8 @@ def _view(source: str, words: list[str]) -> _View:
     return _View(tuple(pose[:4]), tuple(pose[4:]), lens, name)
 
 
-def _lines(path: Path, split: Callable[[str], list[str]]) -> Iterator[tuple[int, list[str]]]:
-    """Yield (line number, words) of a text file without its comments."""
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield (line number, line) of a text file without its comments."""
     for number, line in enumerate(_text(_content(path), path).splitlines(), start=1):
         if not line.startswith("#"):
-            yield number, split(line)
+            yield number, line

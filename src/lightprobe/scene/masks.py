@@ -8,6 +8,7 @@ import numpy as np
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import image_size, read_orientation, turned_size
+from lightprobe.scene.file_names import fold
 from lightprobe.scene.frame import list_images
 
 _FOLDERS = ("masks", "mask")
@@ -18,46 +19,61 @@ class MaskFolder:
     """The mask files of a scene by photo: `a.png`, or COLMAP's `a.jpg.png`, for `images/a.jpg`.
 
     A photo of a subfolder has its mask in a subfolder of the same name. A mask outside of it serves by its
-    bare name, but only one photo.
+    bare name, but only one photo. Letter case and Unicode form tell masks apart only where they have to.
     """
 
     def __init__(self, root: Path, images: Iterable[Path]):
         """Look through the mask folders of the scene `root`; `images`: all photos that name no mask."""
         self._root = root
-        self._files: dict[str, Path] = {}
-        for folder in (root / name for name in _FOLDERS if (root / name).is_dir()):
+        self._files: dict[str, list[Path]] = {}
+        for folder in mask_folders(root):
+            found: dict[str, list[Path]] = {}
             for path in list_images(folder):
-                self._files.setdefault(path.relative_to(folder).with_suffix("").as_posix(), path)
-        lacking = [image for image in dict.fromkeys(images) if self._own(image) is None]
-        self._wanted = Counter(found for image in lacking if (found := self._by_name(image)) is not None)
+                found.setdefault(fold(path.relative_to(folder).with_suffix("").as_posix()), []).append(path)
+            self._files = {**found, **self._files}
+        self._users = Counter(mask for image in dict.fromkeys(images) for mask in self._choice(image)[:1])
 
     def find(self, image: Path) -> Path | None:
         """Return the mask of a photo, or None: the photo's alpha channel must do.
 
-        Raises `InputError` when several photos of that name would share the mask.
+        Raises `InputError` when several photos would share the mask, or several masks fit the photo.
         """
-        own = self._own(image)
-        if own is not None:
-            return own
-        found = self._by_name(image)
-        if found is not None and self._wanted[found] > 1:
-            place = found.parent / self._below(image).with_suffix(".png")
+        found = self._choice(image)
+        if not found:
+            return None
+        if len(found) > 1:
             raise InputError(
-                f"{found} could be the mask of {self._wanted[found]} photos named {image.stem}, one of them {image}; "
-                f"put each photo's mask into a folder named as the photo's, this one's to {place}."
+                f"{found[0]} and {found[1]} could both be the mask of {image}; remove one, or call it {image.name}.png."
             )
-        return found
+        mask, users = found[0], self._users[found[0]]
+        if users > 1:
+            below = self._below(image)
+            place = mask.parent / below.with_name(
+                f"{below.name}.png" if self._own(image) else f"{below.stem}.png"
+            )
+            raise InputError(
+                f"{mask} could be the mask of {users} photos named {image.stem}, one of them {image}; give each photo a "
+                f"mask of its own, this one's in {place}."
+            )
+        return mask
 
-    def _own(self, image: Path) -> Path | None:
-        """Return the mask at the photo's own place below the mask folder."""
-        below = self._below(image)
-        return self._first(below.with_suffix("").as_posix(), below.as_posix())
+    def _choice(self, image: Path) -> list[Path]:
+        """Return the mask of a photo: at its own place below the mask folder, else by its bare name.
 
-    def _by_name(self, image: Path) -> Path | None:
-        return self._first(image.stem, image.name)
+        Several where nothing tells them apart.
+        """
+        return self._own(image) or self._alike(Path(image.name))
 
-    def _first(self, *keys: str) -> Path | None:
-        return next((self._files[key] for key in keys if key in self._files), None)
+    def _own(self, image: Path) -> list[Path]:
+        return self._alike(self._below(image))
+
+    def _alike(self, below: Path) -> list[Path]:
+        """Return the masks of a photo's place: by its whole name and another ending, of its name, of its stem."""
+        whole = self._files.get(fold(below.as_posix()), [])
+        stem = self._files.get(fold(below.with_suffix("").as_posix()), [])
+        same = [mask for mask in stem if fold(mask.name) == fold(below.name)]
+        found = whole or same or stem
+        return [mask for mask in found if mask.stem in (below.name, below.stem)] or found
 
     def _below(self, image: Path) -> Path:
         """Return where a photo lies in `images/`, which may be a link to elsewhere, or else in the scene."""
@@ -65,6 +81,16 @@ class MaskFolder:
             if image.is_relative_to(folder):
                 return image.relative_to(folder)
         return Path(image.name)
+
+
+def mask_folders(root: Path) -> list[Path]:
+    """Return the folders of a scene that masks are looked for in."""
+    return [
+        path
+        for name in _FOLDERS
+        for path in sorted(root.iterdir())
+        if path.name.casefold() == name and path.is_dir()
+    ]
 
 
 def mask_turn(mask: Path, image: Path, size: tuple[int, int]) -> int:

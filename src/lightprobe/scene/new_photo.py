@@ -13,11 +13,12 @@ from lightprobe.core.errors import InputError, LightprobeWarning, shown
 from lightprobe.core.files import checksum, read_json, resolved
 from lightprobe.imaging import foreign_encoding, image_size
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.file_names import slashed
 from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.photo import Photo, Pixels
 from lightprobe.scene.pixels import fit_camera, load_pixels
 from lightprobe.scene.record import SPLITS
-from lightprobe.scene.transforms import frame_camera
+from lightprobe.scene.transforms import frame_camera, frame_settings
 
 _Entry = dict[str, Any]
 _NAMED = 3  # cameras of a file, in a sentence about it
@@ -56,7 +57,7 @@ def read_camera(path: Path, image: Path | None = None, size: tuple[int, int] | N
         return Camera.from_json(_pick(_recorded(value, path), image, path)["camera"], source=str(path))
     if isinstance(value, dict) and isinstance(value.get("frames"), list):
         common = {key: setting for key, setting in value.items() if key != "frames"}
-        settings = {**common, **_pick(_framed(value["frames"], path), image, path)}
+        settings = frame_settings(common, _pick(_framed(value["frames"], path), image, path))
         return frame_camera(settings, str(path), *(size or _written_size(settings, path)))
     found = Camera.from_json(value, source=str(path))
     if image is not None and size is None and not os.path.isfile(image):  # False for an impossible name, too
@@ -85,7 +86,7 @@ def _recorded(record: _Entry, path: Path) -> list[tuple[Path, str, _Entry]]:
 def _framed(frames: list[Any], path: Path) -> list[tuple[Path, str, _Entry]]:
     """Return (file, name, entry) of the frames of a transforms file that name a photo."""
     entries = [frame for frame in frames if isinstance(frame, dict) and "file_path" in frame]
-    files = [Path(_text(entry["file_path"], "file_path", path)) for entry in entries]
+    files = [Path(slashed(_text(entry["file_path"], "file_path", path))) for entry in entries]
     return [(path.parent / file, file.name, entry) for file, entry in zip(files, entries, strict=True)]
 
 
