@@ -160,7 +160,14 @@ def test_radiance_pixel_value_and_exposure(tmp_path):
 @pytest.mark.parametrize(
     ("header", "message"),
     [
-        (b"#?RADIANCE\n\n+Y 2 +X 2\n", "top left"),
+        (b"#?RADIANCE\n\n+Y 2 +Y 2\n", "names no size"),
+        (b"#?RADIANCE\n\n-Y 2\n", "names no size"),
+        (b"#?RADIANCE\nCOLORCORR=1 0 1\n\n-Y 2 +X 2\n", "a COLORCORR that is not three positive numbers"),
+        (b"#?RADIANCE\nCOLORCORR=1\n\n-Y 2 +X 2\n", "a COLORCORR that is not three positive numbers"),
+        (b"#?RADIANCE\nEXPOSURE=one\n\n-Y 2 +X 2\n", "an EXPOSURE that is not a positive number"),
+        (b"#?RADIANCE\nPRIMARIES=.64 .33\n\n-Y 2 +X 2\n", "PRIMARIES that is not eight numbers"),
+        (b"#?RADIANCE\nPRIMARIES=0 0 0 0 0 0 0 0\n\n-Y 2 +X 2\n", "PRIMARIES that are no colours"),
+        (b"#?RADIANCE\nGAMMA=2.2\n\n-Y 2 +X 2\n", "a GAMMA of 2.2; save it with linear values"),
         (b"#?RADIANCE\nFORMAT=32-bit_rle_xyze\n\n-Y 2 +X 2\n", "XYZ"),
         (b"#?RADIANCE\nEXPOSURE=0\n\n-Y 2 +X 2\n", "EXPOSURE"),
         (b"#?RADIANCE\n\n-Y 60000 +X 60000\n", "60000 x 60000"),
@@ -189,3 +196,146 @@ def test_a_damaged_exr_is_one_error_and_no_print(tmp_path, capfd):
             read_hdr(tmp_path / "cut.exr")
         print("after")
         assert capfd.readouterr() == ("before\nafter\n", "")
+
+
+# Radiance: what else its header says
+
+
+def radiance(path, pixels, *, header="", size="-Y {h} +X {w}"):
+    """Write pixels (lines, length, 4) one after the other."""
+    lines, length = pixels.shape[:2]
+    size = size.format(h=lines, w=length, lines=lines, length=length)
+    path.write_bytes(f"#?RADIANCE\n{header}\n{size}\n".encode() + pixels.astype(np.uint8).tobytes())
+    return path
+
+
+ORDERS = {
+    "-Y +X": lambda picture: picture,
+    "+Y +X": lambda picture: picture[::-1],
+    "-Y -X": lambda picture: picture[:, ::-1],
+    "+Y -X": lambda picture: picture[::-1, ::-1],
+    "+X -Y": lambda picture: picture.swapaxes(0, 1),
+    "+X +Y": lambda picture: picture[::-1].swapaxes(0, 1),
+    "-X -Y": lambda picture: picture[:, ::-1].swapaxes(0, 1),
+    "-X +Y": lambda picture: picture[::-1, ::-1].swapaxes(0, 1),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_radiance_in_every_order_of_its_pixels(tmp_path, order):
+    """The scan lines come in the first direction, the pixels of each in the second; +Y is upwards."""
+    picture = RNG.integers(2, 200, (5, 9, 4))
+    picture[..., 3] = 128
+    first, second = order.split()
+    path = radiance(tmp_path / "a.hdr", ORDERS[order](picture), size=f"{first} {{lines}} {second} {{length}}")
+    np.testing.assert_array_equal(read_hdr(path), (picture[..., :3] / 256).astype(np.float32))
+    assert read_header(path).size == (9, 5)
+
+
+def grey(path, header):
+    pixels = np.full((2, 3, 4), 128)
+    return read_hdr(radiance(path, pixels, header=header))[0, 0]
+
+
+def test_radiance_corrections_are_taken_out(tmp_path):
+    """Both are what the picture was multiplied with, all of them; a line behind a tab is of an older file."""
+    header = "EXPOSURE=2\nCOLORCORR=.5 1 2\nCOLORCORR= 1 1 .25\n\tEXPOSURE=64\nVIEW= -vtv -vp 0 0 1\nPIXASPECT=1\nGAMMA=1\n"
+    np.testing.assert_allclose(grey(tmp_path / "a.hdr", header), (0.5, 0.25, 0.5))
+
+
+def test_radiance_primaries_are_converted(tmp_path):
+    """White stays white, also another one; P3's red is stronger than sRGB's."""
+    usual = "PRIMARIES=0.640 0.330 0.290 0.600 0.150 0.060 0.333 0.333\n"
+    np.testing.assert_allclose(grey(tmp_path / "a.hdr", usual), 0.5, atol=1e-6)
+    pixels = np.array([[[128, 0, 0, 128]]])
+    p3 = "PRIMARIES=0.680 0.320 0.265 0.690 0.150 0.060 0.3127 0.3290\n"
+    red = read_hdr(radiance(tmp_path / "b.hdr", pixels, header=p3))[0, 0]
+    np.testing.assert_allclose(red, (0.5 * 1.2249, 0, 0), atol=1e-4)
+    srgb = "PRIMARIES=0.64 0.33 0.30 0.60 0.15 0.06 0.3127 0.3290\n"
+    np.testing.assert_array_equal(
+        read_hdr(radiance(tmp_path / "c.hdr", pixels, header=srgb))[0, 0], (0.5, 0, 0)
+    )
+
+
+def test_radiance_header_with_carriage_returns(tmp_path):
+    pixels = bytes([128, 64, 0, 129])
+    (tmp_path / "a.hdr").write_bytes(b"#?RADIANCE\r\nEXPOSURE=2\r\n\r\n-Y 1 +X 1\r\n" + pixels)
+    np.testing.assert_array_equal(read_hdr(tmp_path / "a.hdr")[0, 0], (0.5, 0.25, 0))
+
+
+# OpenEXR: layers and parts
+
+
+def planes(*names, size=(3, 4)):
+    """Channels of constants: 1 for the first name, 2 for the second, ..."""
+    return {name: np.full(size, number, np.float32) for number, name in enumerate(names, start=1)}
+
+
+def layer(name, letters="RGB"):
+    return [f"{name}.{letter}" for letter in letters]
+
+
+@pytest.mark.parametrize(
+    ("names", "read"),
+    [
+        (["diffuse.R", "diffuse.G", "diffuse.B", "R", "G", "B", "A"], [4, 5, 6, 7]),
+        (
+            [*layer("ViewLayer.DiffDir"), *layer("ViewLayer.Combined", "RGBA"), "ViewLayer.Depth.Z"],
+            [4, 5, 6, 7],
+        ),
+        ([*layer("diffuse_color"), *layer("Beauty"), *layer("rgb_noise")], [4, 5, 6]),
+        ([*layer("only"), "only.Z"], [1, 2, 3]),
+        (["r", "g", "b"], [1, 2, 3]),
+        (["red", "green", "blue", *layer("specular")], [1, 2, 3]),
+        (["X", "Y", "Z", *layer("beauty")], [4, 5, 6]),
+        ([*layer("normal", "XYZ"), *layer("position", "XYZ"), *layer("color")], [7, 8, 9]),
+    ],
+)
+def test_the_beauty_of_an_exr_s_layers(tmp_path, names, read):
+    path = exr(tmp_path / "a.exr", planes(*names))
+    assert read_hdr(path)[1, 2].tolist() == read
+    assert read_header(path).size == (4, 3)
+
+
+@pytest.mark.parametrize(
+    ("names", "said"),
+    [
+        (
+            [*layer("diffuse"), *layer("specular")],
+            "holds the layers diffuse, specular, of which not exactly one",
+        ),
+        ([*layer("left.beauty"), *layer("right.beauty")], "holds the layers left.beauty, right.beauty"),
+        (layer("normal", "XYZ"), "has the channels normal.X, normal.Y, normal.Z; save one layer"),
+        (["depth.Z"], "has the channels depth.Z"),
+    ],
+)
+def test_layers_of_which_none_is_the_picture(tmp_path, names, said):
+    with pytest.raises(InputError) as caught:
+        read_hdr(exr(tmp_path / "a.exr", planes(*names)))
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("parts", "read", "size"),
+    [
+        ([("rgba", "RGBA", (3, 4)), ("depth", "Z", (3, 4))], [1, 2, 3, 4], (4, 3)),
+        ([("depth", "Z", (3, 4)), ("rgba", "RGBA", (3, 4))], [1, 2, 3, 4], (4, 3)),
+        (
+            [("normal", "XYZ", (5, 6)), ("diffuse", "RGB", (5, 6)), ("beauty", "RGB", (5, 6))],
+            [1, 2, 3],
+            (6, 5),
+        ),
+        ([("depth", "Z", (3, 4)), ("render", "RGB", (3, 4))], [1, 2, 3], (4, 3)),
+    ],
+)
+def test_the_beauty_of_an_exr_s_parts(tmp_path, parts, read, size):
+    zero = np.int32((0, 0))
+    made = []
+    for name, letters, shape in parts:
+        window = (zero, np.int32((shape[1] - 1, shape[0] - 1)))
+        header = {"dataWindow": window, "displayWindow": window}
+        made.append(OpenEXR.Part(header, planes(*letters, size=shape), name))
+    OpenEXR.File(made).write(str(tmp_path / "a.exr"))
+    found = read_hdr(tmp_path / "a.exr")
+    assert found[1, 1].tolist() == read
+    assert found.shape[1::-1] == read_header(tmp_path / "a.exr").size == size

@@ -11,6 +11,7 @@ than none.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +25,7 @@ _D65 = (0.3127, 0.3290)  # x, y of sRGB's white
 _D50_XYZ = np.array([0.9642, 1.0, 0.8249])  # white of ICC's connection space (ICC.1, 7.2.16)
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 SRGB_XY = ((0.64, 0.33), (0.30, 0.60), (0.15, 0.06), _D65)  # x, y of red, green, blue and white
+_SAME = 0.002  # chromaticities' largest difference, by which primaries count as those of sRGB
 # Chromaticities of red, green, blue and white by H.273's number of colour primaries
 _PRIMARIES = {
     5: ((0.64, 0.33), (0.29, 0.60), (0.15, 0.06), _D65),
@@ -93,6 +95,22 @@ def coded(primaries: int, transfer: int) -> Encoding:
 def primaries_matrix(red: tuple, green: tuple, blue: tuple, white: tuple) -> np.ndarray:
     """Return M (3, 3) float64 of primaries given as chromaticities (x, y); another white is adapted to D65."""
     return from_d50(_to_d50(white) @ _to_xyz(red, green, blue, white))
+
+
+def matrix_to_srgb(chromaticities: Any) -> np.ndarray | None:
+    """Return `primaries_matrix` (3, 3) of eight numbers, x and y of red, green, blue and white.
+
+    None where they are sRGB's, or no primaries at all.
+    """
+    named = np.ravel(chromaticities).astype(np.float64)
+    if named.size != 8 or not np.isfinite(named).all() or np.abs(named - np.ravel(SRGB_XY)).max() < _SAME:
+        return None
+    try:
+        with np.errstate(all="ignore"):
+            matrix = primaries_matrix(*named.reshape(4, 2))
+    except np.linalg.LinAlgError:
+        return None
+    return matrix if np.isfinite(matrix).all() else None
 
 
 def from_d50(to_d50: np.ndarray) -> np.ndarray:

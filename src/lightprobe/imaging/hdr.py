@@ -2,6 +2,8 @@
 
 import io
 import math
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,16 +13,18 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.muted import muted
 from lightprobe.imaging.color import straight
-from lightprobe.imaging.encodings import LINEAR, SRGB_XY, primaries_matrix
+from lightprobe.imaging.encodings import LINEAR, matrix_to_srgb
 from lightprobe.imaging.limits import MAX_PIXELS, check_pixels
 from lightprobe.imaging.opening import Header, Samples, signature
 from lightprobe.imaging.radiance import radiance_size, read_radiance
 
 _EXR_MAGIC = b"\x76\x2f\x31\x01"
-_CHANNEL_SETS = ("RGBA", "RGB", "XYZ", "Y")  # the first one the file holds is read
+_BEAUTY = frozenset(
+    {"beauty", "combined", "composite", "rgba", "rgb"}
+)  # what renderers call the picture itself
+_CHANNELS = {"r": "R", "red": "R", "g": "G", "green": "G", "b": "B", "blue": "B", "a": "A", "alpha": "A"}
 _BYTES = 4.0  # of a sample at most
 _MOST_BYTES = 4 * _BYTES * MAX_PIXELS  # that are decoded of a file: every channel of all its parts is
-_SAME = 0.002  # chromaticities' largest difference, by which primaries count as those of sRGB
 _DAMAGED = (RuntimeError, ValueError, LookupError, TypeError)
 _KEPT = 16.0  # bytes of a pixel that are kept of a photo: four floats
 _LARGEST_HALF = 65504.0  # largest finite 16-bit float
@@ -30,7 +34,9 @@ def read_hdr(path: Path) -> np.ndarray:
     """Read an OpenEXR or Radiance file, told apart by content.
 
     Returns (H, W, C) float32, linear: C = 3 for channels R, G, B or X, Y, Z (in that order), 4 with A (values
-    as stored, by convention premultiplied), 1 for a single Y. Colour of an OpenEXR file that names other
+    as stored, by convention premultiplied), 1 for a single Y. Of an OpenEXR file with layers or parts the colours
+    without a layer are read, else those of a layer or part called beauty, combined or the like, else the only
+    ones. Colour of an OpenEXR file that names other
     primaries than sRGB's (`chromaticities`) is converted, and cut at 0. Raises `InputError` naming the file
     when it is missing, too large, damaged, or holds other channels.
     """
@@ -48,7 +54,7 @@ def read_header(path: Path) -> Header:
     if not signature(path).startswith(_EXR_MAGIC):
         return Header(radiance_size(path), encoding=LINEAR, pixel_bytes=_KEPT + _BYTES)
     headers = _exr_headers(path)  # all channels of all parts are decoded, whichever are read
-    size = _extent(headers[0])
+    size = _extent(headers[_layer(path, headers).part])
     return Header(size, encoding=LINEAR, pixel_bytes=_KEPT + _decoded_bytes(headers) / math.prod(size))
 
 
@@ -75,19 +81,29 @@ def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
     write_bytes(Path(path), buffer.getvalue())
 
 
+@dataclass(frozen=True)
+class _Layer:
+    """Channels of an OpenEXR file that make a picture."""
+
+    part: int
+    label: str  # names of part and layer, for a sentence
+    channels: tuple[str, ...]  # as the file calls them: red, green, blue and alpha, or X, Y and Z, or Y
+    is_color: bool = True
+
+
 def _read_exr(path: Path) -> np.ndarray:
-    """Read the first part of an OpenEXR file; headers are checked first, because decoding trusts any size."""
+    """Read a layer of an OpenEXR file; headers are checked first, because decoding trusts any size."""
     try:
-        header = _exr_headers(path)[0]
-        names = _check_header(path, header)
+        headers = _exr_headers(path)
+        layer = _layer(path, headers)
         with muted():
-            channels = OpenEXR.File(str(path), separate_channels=True).channels()
-        values = np.empty((*channels[names[0]].pixels.shape, len(names)), np.float32)
-        for place, name in enumerate(names):  # each goes once it is copied
+            channels = OpenEXR.File(str(path), separate_channels=True).channels(layer.part)
+        values = np.empty((*channels[layer.channels[0]].pixels.shape, len(layer.channels)), np.float32)
+        for place, name in enumerate(layer.channels):  # each goes once it is copied
             values[..., place] = channels.pop(name).pixels
     except _DAMAGED as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
-    matrix = _to_srgb(header) if names.startswith("RGB") else None
+    matrix = matrix_to_srgb(headers[layer.part].get("chromaticities", ())) if layer.is_color else None
     if matrix is not None:
         values[..., :3] = np.maximum(values[..., :3] @ matrix.T.astype(np.float32), 0)
     return values
@@ -98,7 +114,7 @@ def _exr_headers(path: Path) -> list[dict]:
     try:
         with muted():
             headers = [part.header for part in OpenEXR.File(str(path), header_only=True).parts]
-        _check_header(path, headers[0])
+        _check_header(path, headers[_layer(path, headers).part])
         needed = _decoded_bytes(headers)
     except _DAMAGED as error:
         raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
@@ -108,6 +124,48 @@ def _exr_headers(path: Path) -> list[dict]:
             "decoded; save one layer with R, G, B (and A) alone."
         )
     return headers
+
+
+def _layer(path: Path, headers: list[dict]) -> _Layer:
+    """Return the layer to read: the plain colours, else the beauty, else the only ones; refuse any other choice."""
+    colors = [layer for part, header in enumerate(headers) for layer in _color_layers(part, header)]
+    plain = [layer for layer in colors if layer.part == 0 and "." not in layer.channels[0]]
+    beauty = [layer for layer in colors if not _BEAUTY.isdisjoint(layer.label.lower().split("."))]
+    for found in (plain, beauty, colors):
+        if len(found) == 1:
+            return found[0]
+    if colors:
+        named = ", ".join(layer.label for layer in colors)[:200]
+        raise InputError(
+            f"{path} holds the layers {named}, of which not exactly one is called beauty, combined or rgba; save the one "
+            "that is meant alone, with R, G, B (and A)."
+        )
+    full = _full_channels(headers[0])
+    if full.issuperset("XYZ"):
+        return _Layer(0, "", ("X", "Y", "Z"), is_color=False)
+    if full == {"Y"} and len(headers[0]["channels"]) == 1:
+        return _Layer(0, "", ("Y",), is_color=False)
+    names = sorted({channel.name for header in headers for channel in header["channels"]})
+    raise InputError(
+        f"{path} has the channels {', '.join(names)[:200]}; save one layer with R, G, B (and A) or X, Y, Z."
+    )
+
+
+def _color_layers(part: int, header: dict) -> Iterator[_Layer]:
+    """Yield the layers of a part with R, G and B, in letters of either case, with A where they have it."""
+    layers: dict[str, dict[str, str]] = {}
+    for name in sorted(_full_channels(header)):
+        layer, _, channel = name.rpartition(".")
+        layers.setdefault(layer, {}).setdefault(_CHANNELS.get(channel.lower(), ""), name)
+    for layer, names in layers.items():
+        if {"R", "G", "B"} <= names.keys():
+            label = ".".join(filter(None, (str(header.get("name", "")), layer)))
+            yield _Layer(part, label or "without a name", tuple(names[key] for key in "RGBA" if key in names))
+
+
+def _full_channels(header: dict) -> set[str]:
+    """Return the names of a part's channels that have a sample for every pixel."""
+    return {channel.name for channel in header["channels"] if channel.xSampling == channel.ySampling == 1}
 
 
 def _decoded_bytes(headers: list[dict]) -> float:
@@ -122,31 +180,11 @@ def _extent(header: dict) -> tuple[int, int]:
     return width, height
 
 
-def _to_srgb(header: dict) -> np.ndarray | None:
-    """Return the matrix (3, 3) to sRGB's primaries, None where the file has these or names no colours."""
-    named = np.ravel(header.get("chromaticities", ())).astype(np.float64)
-    if named.size != 8 or not np.isfinite(named).all() or np.abs(named - np.ravel(SRGB_XY)).max() < _SAME:
-        return None
-    try:
-        with np.errstate(all="ignore"):
-            matrix = primaries_matrix(*named.reshape(4, 2))
-    except np.linalg.LinAlgError:
-        return None
-    return matrix if np.isfinite(matrix).all() else None
-
-
-def _check_header(path: Path, header: dict) -> str:
-    """Return the names of the channels to read; raise `InputError` on a size, crop or channels not read."""
+def _check_header(path: Path, header: dict) -> None:
+    """Raise `InputError` on a size, a crop or a kind of part that is not read."""
     check_pixels(path, *_extent(header))
     windows = zip(header["dataWindow"], header["displayWindow"], strict=True)
     if any((np.asarray(a) != np.asarray(b)).any() for a, b in windows):
         raise InputError(f"{path} is a cropped EXR (data and display window differ); save the whole image.")
     if header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage):
         raise InputError(f"{path} is a deep EXR; save a flat image.")
-    full = {channel.name for channel in header["channels"] if channel.xSampling == channel.ySampling == 1}
-    found = sorted(channel.name for channel in header["channels"])
-    for names in _CHANNEL_SETS:
-        if full.issuperset(names) and (names != "Y" or len(found) == 1):
-            return names
-    named = ", ".join(found)[:200]
-    raise InputError(f"{path} has the channels {named}; save one layer with R, G, B (and A) or X, Y, Z.")

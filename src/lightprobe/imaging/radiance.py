@@ -2,10 +2,13 @@
 
 A pixel is four bytes (r, g, b, e) meaning (r, g, b) * 2^(e - 136), and 0 when e = 0. Rows of 8..32767 pixels
 are stored as four planes of runs; narrower and wider ones, and old files, pixel by pixel (Ward, "Real
-Pixels", Graphics Gems II).
+Pixels", Graphics Gems II). Of the header EXPOSURE, COLORCORR and PRIMARIES are applied, and the order of the scan
+lines; VIEW and PIXASPECT, which say how a picture was rendered and is shown, are not needed.
 """
 
+import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -13,30 +16,66 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.jit import compiled
+from lightprobe.imaging.encodings import SRGB_XY, matrix_to_srgb
 from lightprobe.imaging.limits import check_pixels
 
 _BIAS = 136  # 128 of the exponent, 8 of the mantissa's bits
 _LARGEST = 255 * 2.0 ** (255 - _BIAS)
 _AT_ONCE = 2**18  # pixels that are made bytes, or floats, at once
+_ARTICLES = {"EXPOSURE": "an", "COLORCORR": "a", "PRIMARIES": "a line of", "GAMMA": "a"}
 _HEADER_LIMIT = 1 << 16  # bytes; real headers have hundreds
 
 
+@dataclass(frozen=True)
+class _RadianceHeader:
+    """What stands before the pixels."""
+
+    order: tuple[
+        str, str
+    ]  # of the scan lines and of the pixels in one: -Y for downwards, +X to the right, ...
+    lines: int
+    length: int  # pixels of a line
+    gain: np.ndarray  # (3,) float64 by which the stored values are too high: EXPOSURE times COLORCORR
+    to_srgb: np.ndarray | None  # (3, 3) of PRIMARIES, None where these are sRGB's or not given
+    start: int  # of the pixels, bytes
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Return the (width, height) of the picture upright."""
+        return (self.lines, self.length) if self.order[0][1] == "X" else (self.length, self.lines)
+
+    def upright(self, stored: np.ndarray) -> np.ndarray:
+        """Return pixels (lines, length, C) as rows from the top, (H, W, C), a view."""
+        stored = stored[:: -1 if self.order[0] in ("+Y", "-X") else 1]
+        stored = stored[:, :: -1 if self.order[1] in ("+Y", "-X") else 1]
+        return stored.swapaxes(0, 1) if self.order[0][1] == "X" else stored
+
+
 def read_radiance(path: Path) -> np.ndarray:
-    """Read a Radiance file: (H, W, 3) float32 linear RGB, over the file's EXPOSURE; `InputError` when damaged."""
+    """Read a Radiance file: (H, W, 3) float32 linear RGB, as before its EXPOSURE and COLORCORR, in sRGB's primaries.
+
+    Raises `InputError` for a damaged file, and for XYZ and GAMMA.
+    """
     data = np.fromfile(path, np.uint8)
-    width, height, exposure, start = _parse_header(path, data[:_HEADER_LIMIT].tobytes())
-    check_pixels(path, width, height)
-    pixels = np.zeros((height, width, 4), np.uint8)
-    if not _decode(data, start, pixels):
+    header = _parse_header(path, data[:_HEADER_LIMIT].tobytes())
+    check_pixels(path, *header.size)
+    pixels = np.zeros((header.lines, header.length, 4), np.uint8)
+    if not _decode(data, header.start, pixels):
         raise InputError(f"{path} cannot be decoded as Radiance HDR; the file is damaged or cut short.")
     del data
-    color = np.empty((height, width, 3), np.float32)
-    step = max(1, _AT_ONCE // width)
-    for top in range(0, height, step):  # in strips: the doubles would take five times what comes out
-        rows = pixels[top : top + step]
+    upright = header.upright(pixels)
+    color = np.empty((*upright.shape[:2], 3), np.float32)
+    step = max(1, _AT_ONCE // upright.shape[1])
+    for top in range(
+        0, upright.shape[0], step
+    ):  # in strips: the doubles would take five times what comes out
+        rows = upright[top : top + step]
         exponent = rows[..., 3].astype(np.int32)
-        scale = np.where(exponent > 0, np.ldexp(1.0, exponent - _BIAS), 0.0) / exposure
-        color[top : top + step] = rows[..., :3] * scale[..., None]
+        scale = np.where(exponent > 0, np.ldexp(1.0, exponent - _BIAS), 0.0)[..., None] / header.gain
+        values = rows[..., :3] * scale
+        color[top : top + step] = (
+            values if header.to_srgb is None else np.maximum(values @ header.to_srgb.T, 0)
+        )
     return color
 
 
@@ -44,9 +83,9 @@ def radiance_size(path: Path) -> tuple[int, int]:
     """Return (width, height) from the header of a Radiance file; `InputError` when damaged."""
     with open(path, "rb") as file:
         start = file.read(_HEADER_LIMIT)
-    width, height, _, _ = _parse_header(path, start)
-    check_pixels(path, width, height)
-    return width, height
+    size = _parse_header(path, start).size
+    check_pixels(path, *size)
+    return size
 
 
 def write_radiance(path: Path, array: np.ndarray) -> None:
@@ -75,26 +114,46 @@ def _shared_exponents(rows: np.ndarray) -> np.ndarray:
     return pixels.astype(np.uint8)
 
 
-def _parse_header(path: Path, text: bytes) -> tuple[int, int, float, int]:
-    """Return (width, height, exposure, offset of the pixels)."""
-    found = re.search(rb"\n\n-Y (\d{1,9}) \+X (\d{1,9})\n", text)
-    if found is None:
+def _parse_header(path: Path, text: bytes) -> _RadianceHeader:
+    found = re.search(rb"\n\r?\n([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\r?\n", text)
+    if found is None or found[2] == found[5]:
         raise InputError(
-            f"{path} is not a Radiance HDR stored row by row from top left (-Y height +X width)."
+            f"{path} is not a Radiance HDR: its header names no size, such as -Y height +X width."
         )
-    lines = [line.strip() for line in text[: found.start()].split(b"\n")]
-    if b"FORMAT=32-bit_rle_xyze" in lines:
+    lines = (
+        text[: found.start()].decode("latin-1").split("\n")
+    )  # one that begins with a tab is of an older file
+    settings = [line.split("=", 1) for line in lines if "=" in line and not line.startswith(("#", "\t", " "))]
+    if any(key == "FORMAT" and value.strip() == "32-bit_rle_xyze" for key, value in settings):
         raise InputError(f"{path} is a Radiance HDR in XYZ colour; convert it to RGB.")
-    exposure = 1.0
+    gain, to_srgb = np.ones(3), None
+    for key, value in settings:
+        if key in ("EXPOSURE", "COLORCORR"):
+            gain = gain * _numbers(path, key, value, 1 if key == "EXPOSURE" else 3, is_positive=True)
+        elif key == "PRIMARIES":
+            named = _numbers(path, key, value, 8)
+            to_srgb = matrix_to_srgb(named)
+            if to_srgb is None and not np.allclose(named, np.ravel(SRGB_XY), atol=0.01):
+                raise InputError(f"{path} has a line of PRIMARIES that are no colours; remove it.")
+        elif key == "GAMMA" and _numbers(path, key, value, 1, is_positive=True)[0] != 1:
+            raise InputError(f"{path} has a GAMMA of {value.strip()[:20]}; save it with linear values.")
+    order = (found[1] + found[2]).decode(), (found[4] + found[5]).decode()
+    return _RadianceHeader(order, int(found[3]), int(found[6]), gain, to_srgb, found.end())
+
+
+def _numbers(path: Path, key: str, value: str, count: int, *, is_positive: bool = False) -> np.ndarray:
+    """Return the numbers (count,) of a line of the header."""
     try:
-        for line in lines:
-            if line.startswith(b"EXPOSURE="):
-                exposure *= float(line[9:])
+        numbers = [float(word) for word in value.split()]
     except ValueError:
-        exposure = 0.0
-    if not 0 < exposure < np.inf:
-        raise InputError(f"{path} has an EXPOSURE that is not a positive number.")
-    return int(found[2]), int(found[1]), exposure, found.end()
+        numbers = []
+    fits = len(numbers) == count and all(map(math.isfinite, numbers))
+    if not fits or (is_positive and min(numbers) <= 0):
+        words = {1: "that is not a positive number", 3: "that is not three positive numbers"}
+        raise InputError(
+            f"{path} has {_ARTICLES[key]} {key} {words.get(count, 'that is not eight numbers')}."
+        )
+    return np.array(numbers)
 
 
 @compiled()
