@@ -24,6 +24,7 @@ from lightprobe.scene.frame import unique_names
 from lightprobe.scene.loading import has_cameras
 from lightprobe.scene.masks import MaskFolder, mask_turn, same_shape
 from lightprobe.scene.plain_photos import bright_level, list_photos
+from lightprobe.scene.unread_cameras import check_folder
 
 FEWEST = 4  # photos from which shape can be found at all
 FEATURE_SIDE = 1600  # pixels of the longer side that features are found in: more costs time and brings few
@@ -51,8 +52,7 @@ def source_photos(folder: Path) -> list[SourcePhoto]:
     file.
     """
     folder = Path(folder)
-    if not folder.is_dir():
-        raise InputError(f"{folder} is not a folder." if folder.exists() else f"{folder} does not exist.")
+    check_folder(folder)
     paths = list_photos(folder)
     if has_cameras(folder) and paths:
         raise InputError(

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import foreign_encoding, image_size, read_exif_ev100
-from lightprobe.scene import colmap, nerd, transforms
+from lightprobe.scene import colmap, nerd, transforms, unread_cameras
 from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.frame import Frame, Problems, Split, list_images, unique_names
 from lightprobe.scene.masks import MaskFolder, without_background
@@ -70,8 +70,7 @@ def load_scene(path: Path) -> Scene:
 
 def read_folder(path: Path, problems: Problems) -> Reading:
     """Return the photos of a scene folder; what is wrong with a single photo goes to `problems`."""
-    if not path.is_dir():
-        raise InputError(f"{path} is not a folder." if path.exists() else f"{path} does not exist.")
+    unread_cameras.check_folder(path)
     root, layout, frames = _read_frames(path.resolve(), problems)
     frames.sort(key=lambda frame: frame.image.as_posix())
     names = unique_names([frame.image for frame in frames], root)
@@ -131,7 +130,9 @@ def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]
     if model is None:
         content = "holds photos but no cameras" if list_images(root) else "is not a scene"
         content = content if any(root.iterdir()) else "is empty"
-        raise InputError(f"{root} {content}; a scene folder has {_LAYOUTS}.")
+        raise InputError(
+            f"{root} {content}; {unread_cameras.beside(root) or f'a scene folder has {_LAYOUTS}.'}"
+        )
     if model == root:  # the model itself was named: the photos lie beside it or above
         root = next((folder for folder in (root, *root.parents[:2]) if (folder / "images").is_dir()), root)
     return root, "colmap", colmap.read_colmap(root, model, problems)

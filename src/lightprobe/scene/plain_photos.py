@@ -18,6 +18,7 @@ import scipy
 from lightprobe import imaging
 from lightprobe.core.errors import printable
 from lightprobe.imaging.video import FrameChoice, choose_frames, difference, measure_frames
+from lightprobe.scene import unread_cameras
 from lightprobe.scene.findings import converted_encodings, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, list_images
 from lightprobe.scene.loading import has_cameras
@@ -226,6 +227,8 @@ def inspect_plain(path: Path) -> PlainInspection:
         found.advice.append(
             "the object under other lights: all photos have about the same exposure, as if taken under one."
         )
+    if sentence := unread_cameras.beside(path):
+        found.hints.append(f"{sentence[:-1]}, or let `prepare` find cameras anew.")
     if extra := _videos(path):
         found.hints.append(f"{len(extra)} videos beside the photos are left out, such as {extra[0].name}.")
     return found
