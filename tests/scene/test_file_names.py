@@ -61,6 +61,8 @@ WRITTEN = {
     "without extension": "images\\{}",
     "capitals": "Images/{}.PNG",
     "the folder left out": "{}.png",
+    "blanks around": " images/{}.png\n",
+    "percent signs": "images%2F{}.png",
 }
 AWAY = {
     "drive": "C:\\Users\\Ann\\shoot 1\\images\\{}.png",
@@ -168,6 +170,40 @@ def test_a_name_without_extension_that_two_photos_fit(tmp_path):
     assert sizes(write(root, ["images/b", "images/a.png", "images/c"])) == [32, 33, 34]
 
 
+def test_masks_and_truth_are_found_as_photos_are(tmp_path):
+    root = store(tmp_path / "scene", [*STORED, "masks/a.png", "masks/B.png"])
+    (root / "truth").mkdir()
+    (root / "truth/env.exr").write_bytes(b"x")
+    write(root, STORED)
+    data = json.loads((root / "transforms.json").read_text())
+    written = ("masks\\a.png", "D:\\shoot\\masks\\b.PNG", None)
+    for frame, mask in zip(data["frames"], written, strict=True):
+        frame |= {"mask_path": mask, "env_path": "Truth\\ENV.exr"}
+    (root / "transforms.json").write_text(json.dumps(data))
+    with pytest.warns(LightprobeWarning, match="a path of another place"):
+        photos = sorted(
+            (photo for _, photo in read_folder(root, Problems()).all_photos()), key=lambda p: p.name
+        )
+    masks = [photo.mask_path and photo.mask_path.name for photo in photos]
+    assert masks == ["a.png", "B.png", None]
+    assert {photo.truth.environment for photo in photos} == {root / "truth/env.exr"}
+    data["frames"][2]["mask_path"] = "masks/a.jpg"
+    (root / "transforms.json").write_text(json.dumps(data))
+    with pytest.warns(LightprobeWarning):
+        assert "names the mask 'masks/a.jpg', which does not exist; the folder holds 'a.png'." in sentence(
+            root
+        )
+
+
+def test_a_link_to_nothing_and_a_folder_in_place_of_a_photo(tmp_path):
+    root = store(tmp_path / "scene")
+    (root / "images/d.png").symlink_to(tmp_path / "gone/d.png")
+    (root / "images/e.png").mkdir()
+    said = sentence(write(root, ["images/a.png", "images/d.png"]))
+    assert f"does not exist; it is a link to '{tmp_path}/gone/d.png', where no file is." in said
+    assert "does not exist; it is a folder." in sentence(write(root, ["images/a.png", "images/e.png"]))
+
+
 # Lists of photos
 
 
@@ -254,6 +290,14 @@ def test_links_that_were_put_into_the_scene_are_followed(tmp_path, kind):
     assert all(path.is_relative_to(root.resolve()) for path in images)
 
 
+def test_masks_may_be_links(tmp_path):
+    root, disk = store(tmp_path / "scene"), store(tmp_path / "disk", ["a.png", "b.png", "c.png"])
+    (root / "masks").symlink_to(disk)
+    write(root, STORED)
+    masks = {photo.mask_path for _, photo in read_folder(root, Problems()).all_photos()}
+    assert masks == {root / "masks" / f"{name}.png" for name in "abc"}
+
+
 def test_a_written_path_does_not_climb_out_through_a_link(tmp_path):
     """`link/..` is the folder beside the link's target for the system, and the scene for a reader."""
     root = store(tmp_path / "scene")
@@ -276,6 +320,12 @@ def test_the_camera_of_a_photo_whose_path_has_backslashes(tmp_path):
     (root / "transforms.json").write_text(json.dumps(data))
     found = read_camera(root / "transforms.json", root / "images" / "b.png")
     assert found.fx == pytest.approx(16 / np.tan(0.2))
+
+
+def test_the_camera_of_a_photo_in_another_spelling(tmp_path):
+    root = store(tmp_path / "scene", ["Ger\u00e4t.JPG.png", "b.png"])
+    write(root, ["gera\u0308t.jpg.png", "b.png"], w=32, h=32)
+    assert read_camera(root / "transforms.json", root / "Ger\u00e4t.JPG.png").width == 32
 
 
 @pytest.mark.parametrize(

@@ -143,6 +143,12 @@ def test_what_other_programs_need_moves_no_camera(tmp_path):
         ({"fl_x": 60, "latlong": True}, {}, "has the camera model LATLONG, which is not read"),
         ({"fl_x": 60}, {"ftheta_p0": 0.0}, "has the camera model FTHETA_P0, which is not read"),
         ({"fl_x": 60}, {"camera_model": "FISHEYE624"}, "has the camera model FISHEYE624, which is not read"),
+        (
+            {"w": 6000, "h": 4500, "fl_x": 35},
+            {},
+            "no lens has a focal length of 35 pixels for 6000 x 4500; give it in",
+        ),
+        ({"fl_x": 1.1, "cx": 0.5, "cy": 0.5}, {}, "no lens has a focal length of 1.1 pixels for 64 x 48"),
         ({"fl_x": "60"}, {}, "'fl_x' must be a finite number, not '60'"),
         ({"fl_x": "60,5"}, {}, "'fl_x' must be a finite number, not '60,5'"),
     ],

@@ -15,7 +15,10 @@ from lightprobe.scene.lens import Lens
 
 # Beyond these no camera has ever been, and arithmetic ends: a photo beyond them is damaged, not unusual.
 _SIDE = 1_000_000  # pixels
-_FOCAL = 1e-3, 1e5  # least and greatest focal length, in the longer side of the image
+_FOCAL = (
+    0.05,
+    1e5,
+)  # least and greatest focal length, in the longer side of the image; the least is 169 degrees wide
 _CENTER = 1e3  # distance of the principal point from the image's corner; photos may be crops of larger ones
 _FAR = 1e12  # coordinates of a position, in the user's units
 

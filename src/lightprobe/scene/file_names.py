@@ -47,7 +47,7 @@ class SceneFiles:
         """
         text = slashed(written)
         is_away = _is_absolute(text)
-        for spelling in dict.fromkeys([written, text]):
+        for spelling in dict.fromkeys([written, text, unquote(text)]):
             if (found := self._exact(spelling, suffixes, refuse=not is_away)) is not None:
                 return found
         if not is_away and (found := self._folded(PurePosixPath(text).parts, suffixes)) is not None:
@@ -73,6 +73,11 @@ class SceneFiles:
     def missing(self, written: str) -> str:
         """Return, for a sentence about a path without a file, what lies at its place instead; or nothing."""
         parts = PurePosixPath(slashed(written)).parts
+        for place in (place.joinpath(*parts) for place in self._places):
+            if place.is_symlink():
+                return f"; it is a link to '{shown(os.readlink(place))}', where no file is"
+            if place.is_dir():
+                return "; it is a folder"
         stem = fold(PurePosixPath(parts[-1]).stem) if parts else ""
         folders = [folder for place in self._places for folder in self._folders(parts[:-1], place)]
         for folder in folders:
@@ -168,7 +173,7 @@ def slashed(written: str) -> str:
     """Return a path with slashes only, and without the scheme of an address `file:`."""
     address = re.match(r"file:(//(localhost)?(?=/))?", written, re.IGNORECASE)
     text = unquote(written[address.end() :]) if address else written
-    text = text.replace("\\", "/")
+    text = text.strip().replace("\\", "/")
     return text[1:] if re.match(r"/[A-Za-z]:/", text) else text
 
 

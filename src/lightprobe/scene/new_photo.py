@@ -13,7 +13,7 @@ from lightprobe.core.errors import InputError, LightprobeWarning, shown
 from lightprobe.core.files import checksum, read_json, resolved
 from lightprobe.imaging import foreign_encoding, image_size
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.file_names import slashed
+from lightprobe.scene.file_names import fold, slashed
 from lightprobe.scene.findings import encoding_sentences
 from lightprobe.scene.photo import Photo, Pixels
 from lightprobe.scene.pixels import fit_camera, load_pixels
@@ -103,8 +103,11 @@ def _pick(entries: list[tuple[Path, str, _Entry]], image: Path | None, source: P
     if image is None and len(entries) == 1:
         return entries[0][2]
     if image is not None:
-        names, whole = {image.name, image.stem}, {image.resolve(), image.resolve().with_suffix("")}
-        named = [entry for file, name, entry in entries if name in names or file.name in names]
+        names, whole = (
+            {fold(image.name), fold(image.stem)},
+            {image.resolve(), image.resolve().with_suffix("")},
+        )
+        named = [entry for file, name, entry in entries if names & {fold(name), fold(file.name)}]
         for same in (
             [entry for file, _, entry in entries if resolved(file) in whole],
             _of_content([entry for _, _, entry in entries], image) if len(named) != 1 else [],
