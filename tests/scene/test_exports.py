@@ -343,7 +343,6 @@ OTHERS = {
     "notes.csv": (b"photo;lamp\n", "is no scene that is read; export cameras and photos"),
     "odd.xml": (b"<x/>", "is no scene that is read; export cameras and photos"),
     "point_cloud.ply": (b"ply\n", "holds a shape and no cameras; export cameras and photos"),
-    "cup.glb": (b"glTF", "holds a shape and no cameras"),
     "cup.zip": (b"PK", "is an archive; unpack it"),
     "transforms.json": (b"{}", "is one file of a scene; name the folder that holds it"),
     "images.bin": (b"", "is one file of a scene"),
