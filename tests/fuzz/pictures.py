@@ -9,6 +9,9 @@ import tifffile
 from PIL import Image, PngImagePlugin
 
 from lightprobe.imaging import png16, write_exr, write_radiance
+from tests.imaging import heif_files
+from tests.imaging.apple_notes import apple_note
+from tests.imaging.gain_files import iso_metadata, write_gain_jpeg, xmp_metadata
 from tests.imaging.icc_profiles import P3_PRIMARIES, grey_icc, icc
 from tests.imaging.raw_files import write_dng
 
@@ -48,11 +51,14 @@ def write_png(folder: Path) -> None:
 
 
 def write_jpeg(folder: Path) -> None:
-    """Write JPEG: plain, progressive, grey and in inks, with profile and EXIF."""
+    """Write JPEG: plain, progressive, grey and in inks, with profile and EXIF, with gain maps."""
     _save(folder / "plain.jpg", _COLOR, icc_profile=_PROFILE, exif=_exif())
     _save(folder / "progressive.jpg", _COLOR, progressive=True, subsampling=0)
     _save(folder / "grey.jpg", _COLOR[..., 0])
     _save(folder / "cmyk.jpg", Image.fromarray(_COLOR).convert("CMYK"))
+    iso, xmp = iso_metadata([(0, 3, 1.5, 0, 0)]), xmp_metadata('hdrgm:GainMapMax="3"')
+    write_gain_jpeg(folder / "iso.jpg", _COLOR, _COLOR[::2, ::2], iso=iso)
+    write_gain_jpeg(folder / "xmp.jpg", _COLOR, _COLOR[::2, ::2, 0], xmp=xmp)
 
 
 def write_webp(folder: Path) -> None:
@@ -74,16 +80,19 @@ def write_tiff(folder: Path) -> None:
 
 
 def write_heic(folder: Path) -> None:
-    """Write HEIC of 8 and 10 bits, with alpha, and AVIF."""
+    """Write HEIC of 8 and 10 bits, with alpha and with a gain map, and AVIF."""
     side = 64  # the codec's least
     color = np.kron(_ALPHA[:8, :8], np.ones((side // 8, side // 8, 1), np.uint8))
-    exif = {"exif": _exif(), "icc_profile": _PROFILE}
-    pillow_heif.from_pillow(Image.fromarray(color[..., :3])).save(folder / "8.heic", quality=80, **exif)
+    told = {"exif": _exif(), "icc_profile": _PROFILE}
+    pillow_heif.from_pillow(Image.fromarray(color[..., :3])).save(folder / "8.heic", quality=80, **told)
     pillow_heif.from_pillow(Image.fromarray(color)).save(folder / "alpha.heic", quality=80)
     deep = np.ascontiguousarray(color[..., :3]).astype(np.uint16) * 257
     pillow_heif.from_bytes(mode="RGB;16", size=(side, side), data=deep.tobytes()).save(
         folder / "10.heic", quality=80
     )
+    exif = Image.Exif()
+    exif.get_ifd(0x8769)[0x927C] = apple_note({33: [1.0], 48: [0.0]})
+    heif_files.write_heif(folder / "gain.heic", color[..., :3], auxiliary=color[..., 0], exif=exif.tobytes())
     Image.fromarray(color).save(folder / "alpha.avif", quality=80)
 
 

@@ -9,6 +9,7 @@ from PIL import Image
 
 from lightprobe.imaging import focal_ratio, gravity, read_exif_ev100
 from lightprobe.imaging.exif import read_orientation
+from tests.imaging.apple_notes import apple_note
 from tests.imaging.raw_files import write_dng
 
 _FOLDER, _TIME, _F_NUMBER, _ISO = 0x8769, 0x829A, 0x829D, 0x8827
@@ -145,15 +146,6 @@ def test_no_focal_length(tmp_path, tags):
     assert focal_ratio(with_tags(tmp_path / "a.jpg", tags)) is None
 
 
-def apple_note(*acceleration, entries=1):
-    """A maker note as iPhones write it: a big-endian folder whose offsets count from the note's start."""
-    head = b"Apple iOS\0\0\x01MM" + struct.pack(">H", 1 + entries)
-    other = struct.pack(">HHIi", 1, 9, 1, 14) * entries
-    at = len(head) + len(other) + 12 + 4
-    values = b"".join(struct.pack(">ii", round(value * 10000), 10000) for value in acceleration)
-    return head + other + struct.pack(">HHII", 8, 10, 3, at) + bytes(4) + values
-
-
 _NOTE, _LENS = 0x927C, 0xA434
 
 
@@ -164,15 +156,15 @@ _NOTE, _LENS = 0x927C, 0xA434
 )
 def test_up_is_up_however_the_phone_is_held(tmp_path, suffix, orientation, value):
     """Upright: the top of the device is up. On its left side: its right one is, the sensor's own way to lie."""
-    path = with_tags(tmp_path / f"a.{suffix}", {_NOTE: apple_note(*value)}, orientation=orientation)
+    path = with_tags(tmp_path / f"a.{suffix}", {_NOTE: apple_note({8: value})}, orientation=orientation)
     np.testing.assert_allclose(gravity(path), [0, 1, 0], atol=1e-6)
 
 
 def test_up_of_a_camera_that_looks_down_and_of_one_that_is_tilted(tmp_path):
     """Looking straight down, up is behind the camera, +z; the screen faces up, into which z points: value -z."""
-    down = with_tags(tmp_path / "a.jpg", {_NOTE: apple_note(0, 0, -1.02)}, orientation=6)
+    down = with_tags(tmp_path / "a.jpg", {_NOTE: apple_note({8: (0, 0, -1.02)})}, orientation=6)
     np.testing.assert_allclose(gravity(down), [0, 0, 1], atol=1e-6)
-    rolled = with_tags(tmp_path / "b.jpg", {_NOTE: apple_note(-0.6, -0.8, 0)}, orientation=6)
+    rolled = with_tags(tmp_path / "b.jpg", {_NOTE: apple_note({8: (-0.6, -0.8, 0)})}, orientation=6)
     np.testing.assert_allclose(gravity(rolled), [0.6, 0.8, 0], atol=1e-3)
 
 
@@ -181,10 +173,10 @@ def test_up_of_a_camera_that_looks_down_and_of_one_that_is_tilted(tmp_path):
     [
         {},
         {_NOTE: b"Nikon\0" + bytes(40)},
-        {_NOTE: apple_note(0, -3, 0)},
-        {_NOTE: apple_note(0, -0.3, 0)},
-        {_NOTE: apple_note(0, -1, 0)[:40]},
-        {_NOTE: apple_note(0, -1, 0), _LENS: "iPhone 12 front camera 2.71mm f/2.2"},
+        {_NOTE: apple_note({8: (0, -3, 0)})},
+        {_NOTE: apple_note({8: (0, -0.3, 0)})},
+        {_NOTE: apple_note({8: (0, -1, 0)})[:40]},
+        {_NOTE: apple_note({8: (0, -1, 0)}), _LENS: "iPhone 12 front camera 2.71mm f/2.2"},
     ],
 )
 def test_no_gravity(tmp_path, tags):
@@ -192,7 +184,7 @@ def test_no_gravity(tmp_path, tags):
 
 
 def test_a_mirrored_picture_has_no_gravity(tmp_path):
-    assert gravity(with_tags(tmp_path / "a.jpg", {_NOTE: apple_note(0, -1, 0)}, orientation=5)) is None
+    assert gravity(with_tags(tmp_path / "a.jpg", {_NOTE: apple_note({8: (0, -1, 0)})}, orientation=5)) is None
 
 
 def test_focal_length_of_camera_raw(tmp_path):

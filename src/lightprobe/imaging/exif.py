@@ -8,14 +8,13 @@ mm film (CIPA DCG-001), whatever the shape of the sensor; over the longer side t
 """
 
 import math
-import struct
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from lightprobe.imaging.decoding import read_header
-from lightprobe.imaging.tags import EXIF_FOLDER, ORIENTATION, upright_exif
+from lightprobe.imaging.tags import EXIF_FOLDER, ORIENTATION, apple_entry, upright_exif
 
 _LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file is wrong
 # Numbers of EXIF tags: s, f-number, ISO
@@ -33,9 +32,8 @@ _PLAUSIBLE_FOCAL = 0.2, 30.0  # of the longer side: fisheye lenses and telescope
 _LEAST_PIXELS = 2000
 _SENSORS, _SENSOR_STEP = (53.4, 43.8, 36.0, 23.5, 22.3, 17.3, 13.2, 8.8, 7.5, 6.17), 0.03  # relative
 _AGREE = 0.1  # relative difference of two statements of one focal length, the second rounded to mm
-_MAKER_NOTE, _LENS_MODEL = 0x927C, 0xA434  # numbers of EXIF tags
-_APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
-_ACCELERATION, _SIGNED_RATIONAL = 8, 10  # number of the entry, and type of its three values
+_LENS_MODEL = 0xA434  # number of an EXIF tag
+_ACCELERATION = 8  # number of an entry of Apple's note
 _AT_REST = 0.7, 1.3  # length in g of an acceleration that is gravity
 
 
@@ -91,7 +89,7 @@ def gravity(path: Path) -> np.ndarray | None:
     """
     exif = read_header(Path(path)).exif
     tags = exif.get_ifd(EXIF_FOLDER)
-    value = _acceleration(tags.get(_MAKER_NOTE))
+    value = _acceleration(exif)
     if value is None or "front" in str(tags.get(_LENS_MODEL, "")).lower():
         return None
     x, y, z = -value / np.linalg.norm(value)  # device: right, top, towards the user
@@ -141,21 +139,10 @@ def _plausible(ratio: float) -> float | None:
     return ratio if _PLAUSIBLE_FOCAL[0] <= ratio <= _PLAUSIBLE_FOCAL[1] else None
 
 
-def _acceleration(note: object) -> np.ndarray | None:
+def _acceleration(exif: Image.Exif) -> np.ndarray | None:
     """Return the acceleration (3,) in g out of Apple's note, or None: no such note, or moving."""
-    if not isinstance(note, bytes) or not note.startswith(_APPLE):
-        return None
-    try:
-        (count,) = struct.unpack_from(">H", note, _APPLE_ENTRIES)
-        entries = [struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * k) for k in range(count)]
-        at = next(e[3] for e in entries if e[:3] == (_ACCELERATION, _SIGNED_RATIONAL, 3))
-        above, below = np.array(struct.unpack_from(">6i", note, at), np.float64).reshape(3, 2).T
-    except (struct.error, StopIteration):
-        return None
-    if not below.all():
-        return None
-    value = above / below
-    return value if _AT_REST[0] <= np.linalg.norm(value) <= _AT_REST[1] else None
+    value = apple_entry(exif, _ACCELERATION, 3)
+    return value if value is not None and _AT_REST[0] <= np.linalg.norm(value) <= _AT_REST[1] else None
 
 
 def _number(value: object) -> float | None:

@@ -1,10 +1,11 @@
 """HEIF files, such as phones' HEIC, with 8, 10 or 12 bits per sample, by libheif.
 
 The format turns pictures by itself (ISO 23008-12, irot and imir), which libheif follows: stored pixels are
-upright, and the EXIF orientation, which says the same once more, is left aside. A gain map for brighter
-screens is left aside, too.
+upright, and the EXIF orientation, which says the same once more, is left aside. Apple's gain maps are read;
+those of ISO 21496-1 alone are not, as libheif's wrapper does not hand out their metadata.
 """
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,13 +14,15 @@ import numpy as np
 from lightprobe.core.extras import photo_library
 from lightprobe.imaging.color import straight
 from lightprobe.imaging.encodings import Encoding, coded
+from lightprobe.imaging.gain_map import GainMap, apple_gain, say_unread
 from lightprobe.imaging.limits import check_pixels
-from lightprobe.imaging.opening import Header, Samples, decode_errors
+from lightprobe.imaging.opening import Header, Samples, decode_errors, has_tone_map
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
-from lightprobe.imaging.tags import loaded_exif
+from lightprobe.imaging.tags import apple_note, loaded_exif
 
 _COPIES = 4.0  # of the samples that libheif and its wrapper hold at once
 _PREMULTIPLIED = ("RGBa", "La")  # names of modes begin so
+_APPLE_GAIN_MAP = "urn:com:apple:photo:2020:aux:hdrgainmap"  # type of an auxiliary picture
 _STORED_BITS = 16  # that pillow-heif moves deeper samples up to
 
 
@@ -43,7 +46,28 @@ def decode(path: Path) -> Samples:
             values, levels = values >> (_STORED_BITS - bits), 2**bits - 1
         if image.mode.startswith(_PREMULTIPLIED):
             values = straight(values, levels)
-        return samples_to_srgb(values, levels, encoding)
+        return replace(samples_to_srgb(values, levels, encoding), gain_map=_gain_map(path, image))
+
+
+def _gain_map(path: Path, image: Any) -> GainMap | None:
+    """Return Apple's gain map of a file; a warning says why one is left aside."""
+    found = (image.info.get("aux") or {}).get(_APPLE_GAIN_MAP)
+    try:
+        if not found:
+            if has_tone_map(path):
+                raise ValueError("by ISO 21496-1 in HEIF")
+            return None
+        gain, second = (
+            apple_gain(*apple_note(loaded_exif(image.info.get("exif")))),
+            image.get_aux_image(found[0]),
+        )
+        if second.size[0] > image.size[0] or second.size[1] > image.size[1]:
+            raise ValueError("it is larger than its picture")
+        samples = np.asarray(second)
+    except (OSError, ValueError, RuntimeError, SyntaxError, LookupError) as error:
+        say_unread(path, error)
+        return None
+    return GainMap(samples.reshape(*samples.shape[:2], -1)[..., :1], gain)
 
 
 def _opened(path: Path) -> Any:

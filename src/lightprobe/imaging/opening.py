@@ -14,6 +14,7 @@ from PIL import AvifImagePlugin, Image, JpegImagePlugin, PngImagePlugin, WebPIma
 from lightprobe.core.errors import InputError
 from lightprobe.core.reading import LARGEST_PICTURE, BoundedFile, check_file
 from lightprobe.imaging.encodings import SRGB, Encoding
+from lightprobe.imaging.gain_map import GainMap
 from lightprobe.imaging.limits import check_pixels
 
 # Endings of files that folders are looked through for; what a file is, its content says.
@@ -50,6 +51,7 @@ class Samples:
     values: Image.Image | np.ndarray  # 8 bits, or (H, W, 1 | 2 | 3 | 4) uint8, uint16 or float32
     encoding: Encoding  # of these values
     levels: int = 255  # the value of white of integers
+    gain_map: GainMap | None = None  # what is brighter than white
 
 
 class FileKind(enum.Enum):
@@ -97,7 +99,7 @@ STILL_BRANDS = frozenset(_BRANDS)  # file type boxes of pictures, which videos b
 # The readers are called directly because `Image.open` warns and raises at its own, process-wide size limit.
 _READERS: dict[FileKind, Callable[..., Image.Image]] = {
     FileKind.PNG: PngImagePlugin.PngImageFile,
-    FileKind.JPEG: JpegImagePlugin.jpeg_factory,
+    FileKind.JPEG: JpegImagePlugin.JpegImageFile,
     FileKind.WEBP: WebPImagePlugin.WebPImageFile,
     FileKind.AVIF: AvifImagePlugin.AvifImageFile,
 }
@@ -131,17 +133,27 @@ def file_kind(path: Path) -> FileKind:
     """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature`."""
     start = signature(path)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
-    if kind is None and start[4:8] == b"ftyp":
-        # the major brand first, then the compatible ones (ISO 14496-12)
-        length = min(int.from_bytes(start[:4], "big"), len(start))
-        brands = [start[8:12], *(start[i : i + 4] for i in range(16, length - 3, 4))]
-        kinds = [_BRANDS[brand] for brand in brands if brand in _BRANDS]
+    if kind is None:
+        kinds = [_BRANDS[brand] for brand in _brands(start) if brand in _BRANDS]
         kind = FileKind.AVIF if FileKind.AVIF in kinds else kinds[0] if kinds else None
     if kind is None:
         raise InputError(
             f"{path} is not a PNG, JPEG or WebP image, nor TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR."
         )
     return kind
+
+
+def has_tone_map(path: Path) -> bool:
+    """Return whether a HEIF or AVIF file announces a gain map of ISO 21496-1 (ISO/IEC 23008-12, `tmap`)."""
+    return b"tmap" in _brands(signature(path))
+
+
+def _brands(start: bytes) -> list[bytes]:
+    """Return the brands of a file type box (ISO 14496-12): the major one, then the compatible ones."""
+    if start[4:8] != b"ftyp":
+        return []
+    length = min(int.from_bytes(start[:4], "big"), len(start))
+    return [start[8:12], *(start[i : i + 4] for i in range(16, length - 3, 4))]
 
 
 @contextlib.contextmanager

@@ -6,6 +6,7 @@ linear already and have no white to clip at.
 
 import functools
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from PIL import Image
 from lightprobe.imaging.decoding import decode
 from lightprobe.imaging.encodings import LINEAR, Curve, Encoding, linear
 from lightprobe.imaging.exif import read_orientation, upright
+from lightprobe.imaging.gain_map import GainMap
 from lightprobe.imaging.resize import STRIP
 
 CLIPPED = 0.98  # linear value from which a photo is saturated; half a code below 255 of 8 bits is .989
@@ -53,6 +55,7 @@ class PhotoFile:
         else:
             self._samples = values.transpose(_TURNS[turn]) if turn in _TURNS else values
         self._levels, self._encoding = found.levels, found.encoding if srgb else LINEAR
+        self._gain_map = _turned(found.gain_map, turn) if srgb and found.gain_map is not None else None
         first = self._stored(0, 1)
         self.height = _height(self._samples)
         self.width = first.shape[1]
@@ -61,15 +64,22 @@ class PhotoFile:
 
     @property
     def shows_more_than_white(self) -> bool:
-        """Whether it tells how bright things above white are: floats do, and the codes of HLG and PQ."""
-        return not self.has_white or any(
-            _table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves
-        )
+        """Whether it tells how bright things above white are: floats, gain maps, codes of HLG and PQ."""
+        if not self.has_white or self._gain_map is not None:
+            return True
+        return any(_table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves)
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return float32 rgb (h, W, 3) and alpha (h, W) or None of the rows first..last - 1, as `read_ldr`."""
         colors, alpha = self._split(first, last)
-        return linear_srgb(colors, self._levels, self._encoding), alpha
+        if self._gain_map is None:
+            return linear_srgb(colors, self._levels, self._encoding), alpha
+        base, to_srgb = _light(colors, self._levels, self._encoding), self._encoding.matrix
+        if self._gain_map.matrix is not None:
+            base = _in_primaries(base, np.linalg.solve(self._gain_map.matrix, _or_identity(to_srgb)))
+            to_srgb = self._gain_map.matrix
+        bright = self._gain_map.brighten(base, first, (self.height, self.width))
+        return np.maximum(_in_primaries(bright, to_srgb), 0), alpha
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return float32 alpha (h, W) of the rows first..last - 1 of a file that has some."""
@@ -87,6 +97,8 @@ class PhotoFile:
         tables = [_table(self._levels, curve) for curve in self._encoding.curves]
         least = np.array([np.argmax(table >= CLIPPED * table[-1]) for table in tables])  # curves rise
         clipped = colors >= least
+        if self._gain_map is not None:  # it says how bright white was, up to its own end
+            clipped = clipped & self._gain_map.full_rows(first, last, (self.height, self.width))
         return np.repeat(clipped, 3, axis=2) if clipped.shape[2] == 1 else clipped
 
     def mask_rows(self, first: int, last: int) -> np.ndarray:
@@ -134,6 +146,12 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
 
     Integers from 0 to `levels`, of which each has one value; floats are linear already.
     """
+    rgb = _light(colors, levels, encoding)
+    return rgb if encoding.matrix is None else np.maximum(_in_primaries(rgb, encoding.matrix), 0)
+
+
+def _light(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarray:
+    """Return float32 linear light (h, W, 3) in the primaries of the file."""
     if colors.shape[2] == 1 and len(encoding.curves) == 3:  # grey, with the profile of a colour picture
         colors = np.repeat(colors, 3, axis=2)
     if colors.dtype.kind == "f":
@@ -143,8 +161,21 @@ def linear_srgb(colors: np.ndarray, levels: int, encoding: Encoding) -> np.ndarr
     else:
         tables = [_table(levels, curve) for curve in encoding.curves]
         rgb = np.stack([np.take(table, colors[..., k]) for k, table in enumerate(tables)], axis=2)
-    rgb = np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
-    return rgb if encoding.matrix is None else np.maximum(rgb @ encoding.matrix.T.astype(np.float32), 0)
+    return np.repeat(rgb, 3, axis=2) if rgb.shape[2] == 1 else rgb
+
+
+def _in_primaries(rgb: np.ndarray, matrix: np.ndarray | None) -> np.ndarray:
+    """Return colours (h, W, 3) in the primaries that `matrix` (3, 3) leads to."""
+    return rgb if matrix is None else rgb @ matrix.T.astype(np.float32)
+
+
+def _or_identity(matrix: np.ndarray | None) -> np.ndarray:
+    return np.eye(3) if matrix is None else matrix
+
+
+def _turned(gain_map: GainMap, turn: int) -> GainMap:
+    """Return a gain map turned along with its picture by EXIF orientation 1..8."""
+    return replace(gain_map, samples=upright(gain_map.samples, turn))
 
 
 def _height(samples: Image.Image | np.ndarray) -> int:

@@ -2,6 +2,7 @@
 
 import re
 import struct
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ from PIL import Image, JpegImagePlugin
 from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging import png16
 from lightprobe.imaging.encodings import ADOBE_RGB, SRGB, Encoding, coded
-from lightprobe.imaging.opening import Header, Samples, decode_errors, open_image
+from lightprobe.imaging.gain_map import say_unread
+from lightprobe.imaging.jpeg_gain import read_gain_map
+from lightprobe.imaging.opening import Header, Samples, decode_errors, has_tone_map, open_image
 from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
 from lightprobe.imaging.tags import is_adobe_rgb, loaded_exif, orientation
 
@@ -38,7 +41,7 @@ def _pixel_bytes(path: Path, image: Image.Image) -> float:
     beside = max(kept if image.mode in _MODES else 4.0, _BESIDE.get(image.format or "", 0.0))
     if isinstance(image, JpegImagePlugin.JpegImageFile) and "progressive" in image.info:
         beside = max(beside, 2.0 * len(image.getbands()))  # 16 bits of every coefficient, which scans share
-    return kept + beside
+    return kept + beside + (3.0 if "mp" in image.info else 0.0)  # a second picture may be a gain map
 
 
 def decode(path: Path) -> Samples:
@@ -47,7 +50,10 @@ def decode(path: Path) -> Samples:
         encoding = _encoding(path, image)
         if image.format == "PNG" and png16.is_sixteen_bit(path):
             return samples_to_srgb(png16.decode(path), 65535, encoding)
-        return _eight_bits(image, encoding)
+        gain_map = read_gain_map(path, image) if isinstance(image, JpegImagePlugin.JpegImageFile) else None
+        if image.format == "AVIF" and has_tone_map(path):
+            say_unread(path, "in AVIF")
+        return replace(_eight_bits(image, encoding), gain_map=gain_map)
 
 
 def _eight_bits(image: Image.Image, encoding: Encoding) -> Samples:

@@ -3,12 +3,17 @@
 import struct
 from pathlib import Path
 
+import numpy as np
 from PIL import Image
 
 ORIENTATION = 0x0112  # numbers of EXIF tags
 EXIF_FOLDER = 0x8769  # where camera settings stand
 _INTEROPERABILITY_FOLDER, _INDEX = 0xA005, 1  # where a camera names its rule of interoperability, and the tag
 _ADOBE_RGB = "R03"  # that of files with Adobe RGB (DCF 2.0)
+_MAKER_NOTE = 0x927C  # number of an EXIF tag
+_APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
+_SIGNED_RATIONAL = 10  # type of an entry
+_HEADROOM, _GAIN = 33, 48  # numbers of Apple's entries, of which a gain map's brightness follows
 _BROKEN = (SyntaxError, ValueError, KeyError, TypeError, OSError, OverflowError, IndexError, struct.error)
 
 
@@ -52,3 +57,29 @@ def is_adobe_rgb(exif: Image.Exif) -> bool:
     except _BROKEN:
         return False
     return isinstance(index, str) and index.strip("\0 ") == _ADOBE_RGB
+
+
+def apple_entry(exif: Image.Exif, number: int, count: int) -> np.ndarray | None:
+    """Return (count,) float64 signed rationals of an entry of Apple's camera note, None without it.
+
+    Numbers as in ExifTool's table of Apple tags.
+    """
+    note = exif.get_ifd(EXIF_FOLDER).get(_MAKER_NOTE)
+    if not isinstance(note, bytes) or not note.startswith(_APPLE):
+        return None
+    try:
+        (length,) = struct.unpack_from(">H", note, _APPLE_ENTRIES)
+        entries = [struct.unpack_from(">HHII", note, _APPLE_ENTRIES + 2 + 12 * k) for k in range(length)]
+        at = next(entry[3] for entry in entries if entry[:3] == (number, _SIGNED_RATIONAL, count))
+        above, below = np.array(struct.unpack_from(f">{2 * count}i", note, at), np.float64).reshape(-1, 2).T
+    except (struct.error, StopIteration):
+        return None
+    return above / below if below.all() else None
+
+
+def apple_note(exif: Image.Exif) -> tuple[float, float]:
+    """Return what Apple's note says of a gain map, its entries 33 and 48; raise `ValueError` without them."""
+    headroom, gain = (apple_entry(exif, number, 1) for number in (_HEADROOM, _GAIN))
+    if headroom is None or gain is None:
+        raise ValueError("the camera's note, which says how bright it is, is missing")
+    return float(headroom[0]), float(gain[0])
