@@ -13,27 +13,23 @@ XYZ_TO_CAMERA = np.array([[0.9, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.05, 0.2, 0.6
 NEUTRAL = (0.5, 1.0, 0.7)  # camera values of white
 
 
-def write_dng(path, camera, *, orientation=1, focal_35=None):
-    """Write camera values (H, W, 3), 1.0 where the sensor saturates, as a mosaic of red, green, green, blue."""
+def write_dng(path, camera, *, orientation=1, focal_35=None, extra=()):
+    """Write camera values (H, W, 3), 1.0 where the sensor saturates, as a mosaic of red, green, green, blue.
+
+    extra: more of tifffile's extratags.
+    """
     height, width = camera.shape[:2]
     color = np.array([[0, 1], [1, 2]])[np.arange(height)[:, None] % 2, np.arange(width)[None] % 2]
     mosaic = np.take_along_axis(camera, color[..., None], axis=2)[..., 0]
     mosaic = np.clip(np.rint(BLACK + mosaic * (WHITE - BLACK)), 0, WHITE).astype(np.uint16)
 
-    def rational(values):
-        return [part for value in np.ravel(values) for part in (round(value * 10000), 10000)]
-
     tags = [
-        (274, "H", 1, orientation, True),
-        (50706, "B", 4, (1, 4, 0, 0), True),
-        (50708, "s", 0, "Test Camera", True),
+        *_camera_tags(orientation),
         (33421, "H", 2, (2, 2), True),
         (33422, "B", 4, (0, 1, 1, 2), True),
         (50714, "H", 1, BLACK, True),
         (50717, "H", 1, WHITE, True),
-        (50721, "2i", 9, rational(XYZ_TO_CAMERA), True),
-        (50728, "2I", 3, rational(NEUTRAL), True),
-        (50778, "H", 1, 21, True),
+        *extra,
     ]
     if focal_35 is not None:
         tags.append((_PLACEHOLDER, "I", 1, 0, True))
@@ -41,6 +37,58 @@ def write_dng(path, camera, *, orientation=1, focal_35=None):
     if focal_35 is not None:
         _append_exif(path, focal_35)
     return path
+
+
+def write_linear_dng(
+    path, camera, *, blacks=(0, 0, 0), white=65535, orientation=1, dtype=np.uint16, **options
+):
+    """Write camera values (H, W, 3), 1.0 where the sensor saturates, as colours that are no mosaic any more.
+
+    blacks: of each channel, or of all of them, (1,); options: tifffile's, as `compression`.
+    """
+    levels = np.array(blacks) + camera * (white - np.array(blacks))
+    levels = levels if np.dtype(dtype).kind == "f" else np.clip(np.rint(levels), 0, white)
+    tags = [
+        *_camera_tags(orientation),
+        (50714, "H", len(blacks), blacks if len(blacks) > 1 else blacks[0], True),
+        (50717, "H", 1, white, True),
+    ]
+    told = {"photometric": 34892, "planarconfig": "contig", "extratags": tags, "metadata": None, **options}
+    tifffile.imwrite(path, levels.astype(dtype), **told)
+    return path
+
+
+def lens_shading(gains, *, size, cell=(0, 0), step=2):
+    """A gain map of DNG's list of opcodes: gains (h, w) from edge to edge of a mosaic of `size` (height, width).
+
+    cell: the pixel of a mosaic of `step` x `step` that it is for.
+    """
+    rows, columns = gains.shape
+    spacing = [1 / max(points - 1, 1) for points in (rows, columns)]
+    head = struct.pack(">10I4dI", *cell, *size, 0, 1, step, step, rows, columns, *spacing, 0.0, 0.0, 1)
+    content = head + gains.astype(">f4").tobytes()
+    return struct.pack(">4I", 9, 0x01030000, 0, len(content)) + content
+
+
+def opcode_list(*opcodes):
+    """The tag of OpcodeList2."""
+    content = struct.pack(">I", len(opcodes)) + b"".join(opcodes)
+    return (51009, "B", len(content), content, True)
+
+
+def _rational(values):
+    return [part for value in np.ravel(values) for part in (round(value * 10000), 10000)]
+
+
+def _camera_tags(orientation):
+    return [
+        (274, "H", 1, orientation, True),
+        (50706, "B", 4, (1, 4, 0, 0), True),
+        (50708, "s", 0, "Test Camera", True),
+        (50721, "2i", 9, _rational(XYZ_TO_CAMERA), True),
+        (50728, "2I", 3, _rational(NEUTRAL), True),
+        (50778, "H", 1, 21, True),
+    ]
 
 
 def _append_exif(path, focal_35):

@@ -23,6 +23,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from lightprobe.core.errors import LightprobeWarning
+from lightprobe.imaging.resize import bilinear_grid
 
 ISO_NAME = b"urn:iso:std:iso:ts:21496:-1\0"  # of the APP2 segment of a JPEG that holds the metadata
 _XMP_NAME = "{http://ns.adobe.com/hdr-gain-map/1.0/}"
@@ -56,11 +57,10 @@ class GainMap:
 
     def encoded_rows(self, first: int, last: int, size: tuple[int, int]) -> np.ndarray:
         """Return g (last - first, W, 1 | 3) float32 at rows of a picture of `size` (height, width)."""
-        above, below, down = _between(np.arange(first, last), size[0], self.samples.shape[0])
-        left, right, across = _between(np.arange(size[1]), size[1], self.samples.shape[1])
-        down, across = down[:, None, None], across[:, None]
-        rows = self.samples[above] * (1 - down) + self.samples[below] * down
-        return (rows[:, left] * (1 - across) + rows[:, right] * across) / np.float32(255)
+        height, width = self.samples.shape[:2]
+        down = (np.arange(first, last) + 0.5) * (height / size[0]) - 0.5
+        across = (np.arange(size[1]) + 0.5) * (width / size[1]) - 0.5
+        return bilinear_grid(self.samples, down, across) / np.float32(255)
 
     def brighten(self, base: np.ndarray, first: int, size: tuple[int, int]) -> np.ndarray:
         """Return L (h, W, 3) of rows from `first` on: B (h, W, 3) float32 in the primaries of the map."""
@@ -174,10 +174,3 @@ def _xmp_values(xmp: bytes) -> dict[str, list[str]]:
             values = [item.text or "" for item in element.iter(f"{_RDF_NAME}li")] or [element.text or ""]
             found[element.tag.removeprefix(_XMP_NAME)] = values
     return found
-
-
-def _between(places: np.ndarray, length: int, samples: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the two of `samples` around each of `places` in `length` pixels, and the second one's weight."""
-    at = np.clip((places + 0.5) * (samples / length) - 0.5, 0, samples - 1)
-    low = np.floor(at).astype(np.intp)
-    return low, np.minimum(low + 1, samples - 1), (at - low).astype(np.float32)

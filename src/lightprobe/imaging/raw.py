@@ -1,7 +1,8 @@
 """Camera raw (DNG, CR2, CR3, NEF, ARW, ...) by LibRaw: demosaiced, linear, in the camera's own white balance.
 
 Brightness is not stretched and highlights are not reconstructed: white is where the camera's green saturates,
-and all that is brighter is cut there, so that clipped pixels can be told before primaries are converted.
+and all that is brighter is cut there, so that clipped pixels can be told before primaries are converted. Lens
+shading that a DNG file describes is undone; other corrections of the lens that it asks for are left aside.
 """
 
 from pathlib import Path
@@ -12,6 +13,7 @@ from PIL import Image
 
 from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
+from lightprobe.imaging.dng import check_dng, even_out, shadings
 from lightprobe.imaging.encodings import LINEAR, Encoding, camera_matrix, linear
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import FileKind, Header, Samples, decode_errors, file_kind
@@ -38,6 +40,8 @@ def decode(path: Path) -> Samples:
         check_pixels(path, raw.sizes.width, raw.sizes.height)
         try:
             encoding = _encoding(raw)
+            if raw.raw_type is library.RawType.Flat and file_kind(path) is FileKind.TIFF:
+                even_out(raw, shadings(path))
             values = raw.postprocess(
                 output_color=library.ColorSpace.raw,
                 output_bps=16,
@@ -47,6 +51,7 @@ def decode(path: Path) -> Samples:
                 no_auto_bright=True,
                 highlight_mode=library.HighlightMode.Clip,
                 adjust_maximum_thr=0.0,  # white is the sensor's, not the brightest pixel of this photo
+                user_sat=_saturation(raw, library),
             )
         except library.LibRawError as error:
             raise ValueError(_reason(error)) from error
@@ -55,11 +60,24 @@ def decode(path: Path) -> Samples:
 
 def _opened(path: Path) -> Any:
     library = photo_library("rawpy", path)
+    if file_kind(path) is FileKind.TIFF:
+        check_dng(path)
     with decode_errors(path), muted():
         try:
             return library.imread(str(path))
         except library.LibRawError as error:
             raise ValueError(_reason(error)) from error
+
+
+def _saturation(raw: Any, library: Any) -> int | None:
+    """Return the level at which colours that are no mosaic saturate, None where LibRaw knows.
+
+    It takes the least black of four channels off the level of white, and the fourth of three is 0.
+    """
+    *blacks, fourth = raw.black_level_per_channel
+    if raw.raw_type is library.RawType.Flat or fourth or not min(blacks):
+        return None
+    return int(raw.white_level) - min(blacks)
 
 
 def _reason(error: Exception) -> str:

@@ -48,6 +48,25 @@ def shrink_area(array: np.ndarray, side: int) -> np.ndarray:
     return resize_area(array, height, width)
 
 
+def bilinear_grid(samples: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Return `samples` (h, w, C) between its own, (n, m, C) float32, where `rows` (n,) cross `columns` (m,).
+
+    Both count in samples, 0 the first one's middle; beyond the outermost they are held.
+    """
+    (above, below, down), (left, right, across) = (
+        _neighbours(places, length) for places, length in zip((rows, columns), samples.shape, strict=False)
+    )
+    strips = samples[above] * (1 - down[:, None, None]) + samples[below] * down[:, None, None]
+    return strips[:, left] * (1 - across[:, None]) + strips[:, right] * across[:, None]
+
+
+def _neighbours(places: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the two of `length` samples around each of `places`, and the weight of the second, float32."""
+    at = np.clip(places, 0, length - 1)
+    low = np.floor(at).astype(np.intp)
+    return low, np.minimum(low + 1, length - 1), (at - low).astype(np.float32)
+
+
 def _overlap(source: int, target: int) -> sparse.csr_array:
     """Return (target, source) float32 weights: the share of each output cell that each input cell fills."""
     edges = np.linspace(0, source, target + 1)

@@ -3,8 +3,10 @@
 Camera raw often is a TIFF inside; `is_raw` tells.
 """
 
+import contextlib
 import io
 import logging
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,11 +44,20 @@ def is_raw(path: Path) -> bool:
         if file.read(12)[8:] == _CR2:
             return True
     with _opened(path) as tiff, decode_errors(path):
-        pages = list(tiff.pages[:_MOST_PAGES])
-        pages += [below for page in pages for below in (page.pages or ())[:_MOST_PAGES]]
-        return _DNG_VERSION in pages[0].tags or any(
-            _tag(page, _PHOTOMETRIC) in (_MOSAIC, _LINEAR_RAW) for page in pages
-        )
+        return _DNG_VERSION in tiff.pages[0].tags or _sensor_page(tiff) is not None
+
+
+@contextlib.contextmanager
+def sensor_page(path: Path) -> Iterator[Any]:
+    """Yield tifffile's page of what the sensor saw, or None of a file that has none."""
+    with _opened(path) as tiff, decode_errors(path):
+        yield _sensor_page(tiff)
+
+
+def _sensor_page(tiff: Any) -> Any:
+    pages = list(tiff.pages[:_MOST_PAGES])
+    pages += [below for page in pages for below in (page.pages or ())[:_MOST_PAGES]]
+    return next((page for page in pages if _tag(page, _PHOTOMETRIC) in (_MOSAIC, _LINEAR_RAW)), None)
 
 
 def read_header(path: Path) -> Header:
