@@ -13,10 +13,10 @@ XYZ_TO_CAMERA = np.array([[0.9, -0.3, -0.05], [-0.4, 1.2, 0.2], [-0.05, 0.2, 0.6
 NEUTRAL = (0.5, 1.0, 0.7)  # camera values of white
 
 
-def write_dng(path, camera, *, orientation=1, focal_35=None, extra=()):
+def write_dng(path, camera, *, orientation=1, focal_35=None, extra=(), **options):
     """Write camera values (H, W, 3), 1.0 where the sensor saturates, as a mosaic of red, green, green, blue.
 
-    extra: more of tifffile's extratags.
+    extra: more of tifffile's extratags; options: tifffile's others.
     """
     height, width = camera.shape[:2]
     color = np.array([[0, 1], [1, 2]])[np.arange(height)[:, None] % 2, np.arange(width)[None] % 2]
@@ -33,7 +33,7 @@ def write_dng(path, camera, *, orientation=1, focal_35=None, extra=()):
     ]
     if focal_35 is not None:
         tags.append((_PLACEHOLDER, "I", 1, 0, True))
-    tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None)
+    tifffile.imwrite(path, mosaic, photometric=32803, extratags=tags, metadata=None, **options)
     if focal_35 is not None:
         _append_exif(path, focal_35)
     return path

@@ -234,7 +234,7 @@ def test_damaged_sixteen_bit_pixels(tmp_path):
 
 def test_wrong_kind_and_missing(tmp_path):
     (tmp_path / "a.png").write_bytes(b"GIF89a" + bytes(20))
-    with pytest.raises(InputError, match=r"a\.png is not a PNG, JPEG or WebP image"):
+    with pytest.raises(InputError, match=r"a\.png is a GIF image, which is not read"):
         read_ldr(tmp_path / "a.png")
     with pytest.raises(InputError, match=r"none\.png does not exist"):
         read_ldr(tmp_path / "none.png")

@@ -409,12 +409,6 @@ def test_a_missing_library_is_named_with_its_remedy(tmp_path, monkeypatch, kind,
         read_ldr(path)
 
 
-def test_a_video_or_text_is_no_photo(tmp_path):
-    (tmp_path / "a.heic").write_bytes(b"\0\0\0\x18ftypqt  \0\0\0\0qt  " + bytes(40))
-    with pytest.raises(InputError, match="is not a PNG"):
-        read_ldr(tmp_path / "a.heic")
-
-
 def test_plain_srgb_keeps_its_bits(tmp_path):
     """No profile, sRGB's own, and code points of sRGB: exactly the look-up of the curve."""
     samples = RNG.integers(0, 256, (9, 12, 3), dtype=np.uint8)

@@ -46,6 +46,28 @@ def test_colours_that_are_no_mosaic(tmp_path, blacks, white):
     assert not clipped[:, :32].any()
 
 
+@pytest.mark.parametrize("bits", [12, 14, 16])
+def test_a_mosaic_of_packed_bits(tmp_path, bits):
+    path = write_dng(tmp_path / "a.dng", halves(), bitspersample=bits)
+    color, _, clipped = read_photo(path)
+    np.testing.assert_allclose(color[4:-4, 4:28], 0.4, atol=0.001)
+    np.testing.assert_allclose(color[24, 50], linear((1, 1, 0.3)), atol=0.003)
+    np.testing.assert_array_equal(clipped[24, 50], [True, True, False])
+
+
+def test_an_active_area_and_levels_of_a_table(tmp_path):
+    """Masked columns at a sensor's edge are no picture; levels may be coded by their roots."""
+    area = (50829, "I", 4, (4, 8, 44, 56), True)  # top, left, bottom, right
+    path = write_dng(tmp_path / "a.dng", halves(), extra=[area])
+    color = read_ldr(path)[0]
+    assert image_size(path) == (48, 40)
+    np.testing.assert_allclose(color[4:-4, 4:20], 0.4, atol=0.001)
+    table = np.rint((np.arange(4096) / 4095) ** 2 * 4031 + 64).astype(int)
+    coded = np.sqrt(halves()) * (4095 / 4031) - 64 / 4031  # what `write_dng` makes 4095 times the root
+    path = write_dng(tmp_path / "b.dng", coded, extra=[(50712, "H", 4096, tuple(table.tolist()), True)])
+    np.testing.assert_allclose(read_ldr(path)[0][4:-4, 4:28], 0.4, atol=0.001)
+
+
 def test_blacks_that_differ_a_little(tmp_path):
     """As sensors' do: levels are LibRaw's, to a few thousandths, and what is clipped is told."""
     path = write_linear_dng(tmp_path / "a.dng", halves(), blacks=(250, 256, 260), white=4095)
@@ -118,7 +140,9 @@ def test_damaged_shading_is_one_sentence(tmp_path, spoil):
     if spoil == "count":
         tag = (*tag[:3], b"\xff" * 4 + tag[3][4:], True)
     path = write_dng(tmp_path / "a.dng", halves(), extra=[tag])
-    with pytest.raises(InputError, match=r"a\.dng cannot be decoded .* the file is damaged or cut short\.$"):
+    with pytest.raises(
+        InputError, match=r"a\.dng cannot be decoded .* the file is damaged or cut short: copy it again\.$"
+    ):
         read_ldr(path)
 
 

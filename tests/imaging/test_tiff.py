@@ -5,7 +5,8 @@ import pytest
 import tifffile
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import read_ldr, srgb_decode
+from lightprobe.imaging import foreign_encoding, read_ldr, srgb_decode
+from tests.imaging.icc_profiles import P3_PRIMARIES, icc, own_srgb
 
 RAMP = np.arange(4 * 6 * 3, dtype=np.uint16).reshape(4, 6, 3) * 800
 LINEAR = srgb_decode(RAMP / 65535)
@@ -76,3 +77,22 @@ def test_premultiplied_grey_of_eight_bits(tmp_path):
 def test_other_whole_numbers_are_one_sentence(tmp_path, dtype):
     with pytest.raises(InputError, match=f"samples of type {np.dtype(dtype).name}"):
         read(tmp_path / "a.tif", RAMP.astype(dtype), photometric="rgb")
+
+
+@pytest.mark.parametrize("compression", [None, "zlib", "lzw", "jpegxl"])
+def test_tiles(tmp_path, compression):
+    deep = np.random.default_rng(3).integers(0, 65536, (70, 50, 3), np.uint16)
+    color = read(tmp_path / "a.tif", deep, photometric="rgb", tile=(32, 32), compression=compression)[0]
+    np.testing.assert_allclose(color, srgb_decode(deep / 65535), atol=1e-5)
+
+
+def test_floats_in_other_primaries(tmp_path):
+    """Floats are linear; their profile tells of which primaries, as Photoshop's of 32 bits does."""
+    light = np.full((4, 4, 3), (2.0, 0.5, 0.25), np.float32)
+    profile = icc("Linear P3", P3_PRIMARIES, 1.0)
+    color = read(tmp_path / "a.tif", light, photometric="rgb", iccprofile=profile)[0]
+    to_srgb = np.array([[1.2249, -0.2247, 0], [-0.0420, 1.0419, 0], [-0.0197, -0.0786, 1.0979]])
+    np.testing.assert_allclose(color[0, 0], to_srgb @ light[0, 0], atol=2e-3)
+    assert foreign_encoding(tmp_path / "a.tif") == "ICC profile Linear P3"
+    color = read(tmp_path / "b.tif", light, photometric="rgb", iccprofile=own_srgb())[0]
+    np.testing.assert_allclose(color, light, atol=1e-6)

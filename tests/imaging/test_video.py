@@ -115,7 +115,7 @@ def test_what_is_no_video_is_one_sentence(tmp_path):
     Image.fromarray(pan(1)[0]).save(tmp_path / "a.jpg")
     Image.fromarray(pan(1)[0]).save(tmp_path / "a.webp")
     assert not any(is_video(tmp_path / name) for name in ("a.jpg", "a.webp", "text.mp4", "none.mp4"))
-    with pytest.raises(InputError, match="is not a PNG"):
+    with pytest.raises(InputError, match="is a video where a photo is meant"):
         read_ldr(tmp_path / "a.mp4")
 
 

@@ -5,11 +5,12 @@ it.
 import json
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 from PIL import Image
 
-from lightprobe.imaging import srgb_decode
+from lightprobe.imaging import srgb_decode, write_exr
 from lightprobe.scene import Camera, load_alpha, load_photo, load_pixels, load_scene
 from lightprobe.scene.distortion import Resampling, bilinear, with_lens
 from lightprobe.scene.lens import Lens
@@ -198,3 +199,27 @@ def test_a_run_remembers_the_lens(tmp_path):
     expected, own = load_pixels(photo)
     np.testing.assert_array_equal(pixels.color, expected.color)
     assert camera.to_json() == own.to_json()
+
+
+@pytest.mark.parametrize("degrees", [(0, 0), (25, 0), (0, -20), (-30, 18)])
+def test_a_known_ray_of_a_fisheye_lens(tmp_path, degrees):
+    """A spot where OpenCV's fisheye model puts a ray is where the pinhole camera of the photo puts it."""
+    size, focal, coefficients = (160, 120), 70.0, (0.05, -0.01, 0.004, -0.001)
+    ray = np.tan(np.radians(np.array(degrees, float)))
+    bent = cv2.fisheye.distortPoints(ray[None, None], np.eye(3), np.array(coefficients))[0, 0]
+    spot = bent * focal + (size[0] / 2, size[1] / 2)
+    v, u = np.mgrid[: size[1], : size[0]] + 0.5
+    light = np.exp(-((u - spot[0]) ** 2 + (v - spot[1]) ** 2) / 18).astype(np.float32)
+    write_exr(tmp_path / "a.exr", np.dstack([light, light, light, np.ones_like(light)]))
+    frame = {"file_path": "a.exr", "transform_matrix": views(1)[0].opengl.tolist()}
+    told = dict(zip(("k1", "k2", "k3", "k4"), coefficients, strict=True))
+    told |= {"camera_model": "OPENCV_FISHEYE", "fl_x": focal, "fl_y": focal, "w": size[0], "h": size[1]}
+    told |= {"cx": size[0] / 2, "cy": size[1] / 2, "frames": [frame]}
+    (tmp_path / "transforms.json").write_text(json.dumps(told))
+    pixels, camera = load_photo(tmp_path / "a.exr", tmp_path / "transforms.json")
+    seen = pixels.color[..., 0] * (pixels.color[..., 0] > 0.3)
+    found = np.array([(u * seen).sum(), (v * seen).sum()]) / seen.sum()
+    expected = ray * (camera.fx, camera.fy) + (camera.cx, camera.cy)
+    assert camera.fx < focal
+    np.testing.assert_allclose(found, expected, atol=0.35)
+    assert np.linalg.norm(expected - spot) > 4 or degrees == (0, 0)

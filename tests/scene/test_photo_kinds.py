@@ -93,3 +93,44 @@ def test_reduced_pixels_of_a_wide_profile_keep_the_files_own_clipping(tmp_path):
         assert pixels.clipped[: middle - 2][seen[: middle - 2]][:, 0].all()
         assert not pixels.clipped[middle + 2 :].any()
         assert not pixels.clipped[..., 1:].any()
+
+
+def stored(samples, orientation):
+    """Upright samples (H, W, ...) as a file of that EXIF orientation stores them."""
+    return {1: samples, 3: samples[::-1, ::-1], 6: np.rot90(samples, 1), 8: np.rot90(samples, -1)}[
+        orientation
+    ]
+
+
+def test_portrait_and_landscape_in_one_scene(tmp_path):
+    """Of other sizes and focal lengths, stored lying, upright or on the head, with masks of three programs."""
+    shots = views(COUNT, varied=True)
+    root = write_nerfstudio(tmp_path / "scene", shots)
+    for index, (name, view) in enumerate(zip(names(COUNT), shots, strict=True)):
+        color, mask = picture(view)
+        orientation, program = (1, 6, 3, 8)[index % 4], (index // 4) % 3
+        exif, own = Image.Exif(), Image.Exif()
+        exif[0x0112] = orientation
+        options = {"exif": exif, "quality": 100, "subsampling": 0}
+        Image.fromarray(stored(color, orientation)).save(root / "images" / f"{name}.jpg", **options)
+        if program == 0:  # drawn on stored pixels, without a tag
+            Image.fromarray(stored(mask, orientation)).save(root / "masks" / f"{name}.png")
+        elif program == 1:  # drawn on the photo as shown, saying so
+            own[0x0112] = 1
+            Image.fromarray(mask).save(root / "masks" / f"{name}.png", exif=own)
+        else:  # with the photo's tag kept
+            Image.fromarray(stored(mask, orientation)).save(root / "masks" / f"{name}.png", exif=exif)
+    scene = load_scene(root)
+    photos = {photo.name: photo for photo in (*scene.train, *scene.test)}
+    assert {(photo.camera.width, photo.camera.height) for photo in photos.values()} == {
+        (72, 60),
+        (60, 72),
+        (64, 64),
+    }
+    for name, view in zip(names(COUNT), shots, strict=True):
+        pixels, camera = load_pixels(photos[name])
+        color, mask = picture(view)
+        np.testing.assert_array_equal(pixels.alpha, mask / 255)
+        assert (camera.fx, camera.fy) == view.focal
+        expected = srgb_decode(color[mask > 0] / 255)
+        assert np.median(np.abs(pixels.color[mask > 0] - expected)) < 0.01, name

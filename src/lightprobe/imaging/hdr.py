@@ -102,7 +102,9 @@ def _read_exr(path: Path) -> np.ndarray:
         for place, name in enumerate(layer.channels):  # each goes once it is copied
             values[..., place] = channels.pop(name).pixels
     except _DAMAGED as error:
-        raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+        raise InputError(
+            f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short: copy it again."
+        ) from error
     matrix = matrix_to_srgb(headers[layer.part].get("chromaticities", ())) if layer.is_color else None
     if matrix is not None:
         values[..., :3] = np.maximum(values[..., :3] @ matrix.T.astype(np.float32), 0)
@@ -117,7 +119,9 @@ def _exr_headers(path: Path) -> list[dict]:
         _check_header(path, headers[_layer(path, headers).part])
         needed = _decoded_bytes(headers)
     except _DAMAGED as error:
-        raise InputError(f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short.") from error
+        raise InputError(
+            f"{path} cannot be decoded as OpenEXR; the file is damaged or cut short: copy it again."
+        ) from error
     if needed > _MOST_BYTES:
         raise InputError(
             f"{path} holds {sum(len(header['channels']) for header in headers)} channels, {needed / 1e9:.1f} GB once "

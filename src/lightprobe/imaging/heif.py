@@ -18,7 +18,7 @@ from lightprobe.imaging.gain_map import GainMap, apple_gain, say_unread
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import Header, Samples, decode_errors, has_tone_map
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
-from lightprobe.imaging.tags import apple_note, loaded_exif
+from lightprobe.imaging.tags import apple_note, check_projection, loaded_exif
 
 _COPIES = 4.0  # of the samples that libheif and its wrapper hold at once
 _PREMULTIPLIED = ("RGBa", "La")  # names of modes begin so
@@ -31,6 +31,7 @@ def read_header(path: Path) -> Header:
     image = _opened(path)
     samples = float(len(image.mode.split(";")[0]) * (2 if ";" in image.mode else 1))
     exif = loaded_exif(image.info.get("exif"))
+    check_projection(path, exif, image.info.get("xmp"))
     return Header(image.size, exif, None, _encoding(image.info), samples * _COPIES)
 
 

@@ -19,7 +19,7 @@ from lightprobe.imaging.limits import check_pixels
 
 # Endings of files that folders are looked through for; what a file is, its content says.
 _RAW = "3fr arw cr2 cr3 crw dng erf fff iiq mrw nef nrw orf pef raf rw2 rwl srw x3f"
-_IMAGE = "png jpg jpeg webp tif tiff heic heif hif avif exr hdr"
+_IMAGE = "png jpg jpeg jpe jfif mpo webp tif tiff heic heif hif avif exr hdr"
 _VIDEO = "mp4 mov m4v avi mkv webm mts m2ts 3gp mpg mpeg"
 RAW_SUFFIXES = frozenset(f".{ending}" for ending in _RAW.split())
 IMAGE_SUFFIXES = RAW_SUFFIXES | frozenset(f".{ending}" for ending in _IMAGE.split())
@@ -73,7 +73,6 @@ class FileKind(enum.Enum):
 _MAGIC = {
     b"\x89PNG\r\n\x1a\n": FileKind.PNG,
     b"\xff\xd8\xff": FileKind.JPEG,
-    b"RIFF": FileKind.WEBP,
     b"\x76\x2f\x31\x01": FileKind.EXR,
     b"#?": FileKind.RADIANCE,
     b"II*\0": FileKind.TIFF,
@@ -89,6 +88,20 @@ _MAGIC = {
     b"FOVb": FileKind.RAW,
     b"\0MRM": FileKind.RAW,
 }
+# Images of other kinds, by their first bytes
+_UNREAD = {
+    b"BM": "a BMP image",
+    b"GIF8": "a GIF image",
+    b"\xff\x0a": "a JPEG XL image",
+    b"\0\0\0\x0cJXL ": "a JPEG XL image",
+    b"\xffO\xffQ": "a JPEG 2000 image",
+    b"\0\0\0\x0cjP  ": "a JPEG 2000 image",
+    b"II\xbc": "a JPEG XR image",
+    b"8BPS": "a Photoshop document",
+    b"%PDF": "a PDF document",
+    b"qoif": "a QOI image",
+}
+_VIDEO_BOXES, _MATROSKA = (b"ftyp", b"moov", b"mdat", b"wide"), b"\x1aE\xdf\xa3"
 _BRANDS = {
     b"avif": FileKind.AVIF,
     b"avis": FileKind.AVIF,
@@ -113,7 +126,9 @@ def decode_errors(path: Path) -> Iterator[None]:
         yield
     except _DAMAGE as error:
         detail = str(error).strip().rstrip(".") or type(error).__name__
-        raise InputError(f"{path} cannot be decoded ({detail}); the file is damaged or cut short.") from error
+        raise InputError(
+            f"{path} cannot be decoded ({detail}); the file is damaged or cut short: copy it again."
+        ) from error
 
 
 def signature(path: Path) -> bytes:
@@ -125,7 +140,7 @@ def signature(path: Path) -> bytes:
     except OSError as error:
         raise InputError(f"{path} cannot be read: {error.strerror or error}.") from error
     if not start:
-        raise InputError(f"{path} is empty.")
+        raise InputError(f"{path} is empty; copy it again.")
     return start
 
 
@@ -133,14 +148,31 @@ def file_kind(path: Path) -> FileKind:
     """Return the kind of an image file; raise `InputError` when it is none that is read, or as `signature`."""
     start = signature(path)
     kind = next((kind for magic, kind in _MAGIC.items() if start.startswith(magic)), None)
+    if _is_riff(start, b"WEBP"):
+        kind = FileKind.WEBP
     if kind is None:
         kinds = [_BRANDS[brand] for brand in _brands(start) if brand in _BRANDS]
         kind = FileKind.AVIF if FileKind.AVIF in kinds else kinds[0] if kinds else None
     if kind is None:
-        raise InputError(
-            f"{path} is not a PNG, JPEG or WebP image, nor TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR."
-        )
+        raise InputError(f"{path} {_unread(start)}")
     return kind
+
+
+def _unread(start: bytes) -> str:
+    """Return the end of a sentence about a file that is no image file of a kind that is read."""
+    name = next((name for magic, name in _UNREAD.items() if start.startswith(magic)), None)
+    if name is not None:
+        return f"is {name}, which is not read; save it as PNG, or as TIFF with 16 bits."
+    if start[4:8] in _VIDEO_BOXES or start.startswith(_MATROSKA) or _is_riff(start, b"AVI "):
+        return "is a video where a photo is meant; give the video alone, or save a picture of it."
+    return (
+        "is not a PNG, JPEG or WebP image, nor TIFF, HEIC, AVIF, camera raw, OpenEXR or Radiance HDR; save it as one "
+        "of these, or leave it out."
+    )
+
+
+def _is_riff(start: bytes, kind: bytes) -> bool:
+    return start[:4] == b"RIFF" and start[8:12] == kind
 
 
 def has_tone_map(path: Path) -> bool:
@@ -173,7 +205,7 @@ def open_image(path: Path) -> Iterator[Image.Image]:
 
 def _webp_size(start: bytes) -> tuple[int, int] | None:
     """Return (width, height) from the start of a WebP file (RFC 9649, section 2), None for anything else."""
-    if start[:4] != b"RIFF" or len(start) < 30:
+    if not _is_riff(start, b"WEBP") or len(start) < 30:
         return None
     if start[12:16] == b"VP8X":
         return 1 + int.from_bytes(start[24:27], "little"), 1 + int.from_bytes(start[27:30], "little")

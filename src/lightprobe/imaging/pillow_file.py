@@ -15,10 +15,11 @@ from lightprobe.imaging.gain_map import say_unread
 from lightprobe.imaging.jpeg_gain import read_gain_map
 from lightprobe.imaging.opening import Header, Samples, decode_errors, has_tone_map, open_image
 from lightprobe.imaging.profiles import icc_encoding, png_encoding, samples_to_srgb, to_srgb
-from lightprobe.imaging.tags import is_adobe_rgb, loaded_exif, orientation
+from lightprobe.imaging.tags import check_projection, is_adobe_rgb, loaded_exif, orientation
 
 _MODES = {"1": "L", "L": "L", "LA": "LA", "RGB": "RGB", "RGBA": "RGBA"}
 _SPACES = {b"CMYK": "CMYK", b"Lab ": "LAB"}  # colour space of a profile -> Pillow's mode, not RGB or grey
+_INKS = Encoding("CMYK without a profile")  # converted as if inks were perfect: the true colours are unknown
 _BESIDE = {"WEBP": 8.0, "AVIF": 8.0}  # bytes for each pixel that decoders hold beside what is kept of it
 _CODE_POINTS = 4  # bytes of a cICP chunk: primaries, transfer function, matrix and range
 _AVIF_HEAD = 2**20  # bytes within which an AVIF file describes its pictures: headers are a few hundred
@@ -30,6 +31,7 @@ def read_header(path: Path) -> Header:
         # A PNG may carry EXIF behind its pixels, where Pillow finds it only by decoding them.
         data = png16.find_chunk(path, b"eXIf") if image.format == "PNG" else image.info.get("exif")
         exif = loaded_exif(data)
+        check_projection(path, exif, image.info.get("xmp"))
         return Header(image.size, exif, orientation(exif), _encoding(path, image), _pixel_bytes(path, image))
 
 
@@ -76,6 +78,8 @@ def _encoding(path: Path, image: Image.Image) -> Encoding:
         points = None
     if points is None and (profile := image.info.get("icc_profile")):
         return icc_encoding(profile)
+    if image.mode == "CMYK":
+        return _INKS
     if image.format == "AVIF":
         return _avif_encoding(path)
     if image.format == "PNG":

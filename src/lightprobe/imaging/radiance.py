@@ -61,7 +61,9 @@ def read_radiance(path: Path) -> np.ndarray:
     check_pixels(path, *header.size)
     pixels = np.zeros((header.lines, header.length, 4), np.uint8)
     if not _decode(data, header.start, pixels):
-        raise InputError(f"{path} cannot be decoded as Radiance HDR; the file is damaged or cut short.")
+        raise InputError(
+            f"{path} cannot be decoded as Radiance HDR; the file is damaged or cut short: copy it again."
+        )
     del data
     upright = header.upright(pixels)
     color = np.empty((*upright.shape[:2], 3), np.float32)

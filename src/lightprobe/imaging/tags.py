@@ -1,15 +1,20 @@
 """EXIF entries out of bytes or a TIFF file, whatever stands there: empty when absent or broken."""
 
+import re
 import struct
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
+from lightprobe.core.errors import InputError
+
 ORIENTATION = 0x0112  # numbers of EXIF tags
 EXIF_FOLDER = 0x8769  # where camera settings stand
 _INTEROPERABILITY_FOLDER, _INDEX = 0xA005, 1  # where a camera names its rule of interoperability, and the tag
 _ADOBE_RGB = "R03"  # that of files with Adobe RGB (DCF 2.0)
+_CUSTOM_RENDERED, _APPLES_PANORAMA = 0xA401, 6  # an EXIF tag, and what Apple's cameras write there
+_PROJECTION = re.compile(rb"GPano:ProjectionType[^A-Za-z]{1,8}(equirectangular|cylindrical)")  # in XMP
 _MAKER_NOTE = 0x927C  # number of an EXIF tag
 _APPLE, _APPLE_ENTRIES = b"Apple iOS\0\0\x01MM", 14  # start of Apple's note, and where its entries begin
 _SIGNED_RATIONAL = 10  # type of an entry
@@ -57,6 +62,18 @@ def is_adobe_rgb(exif: Image.Exif) -> bool:
     except _BROKEN:
         return False
     return isinstance(index, str) and index.strip("\0 ") == _ADOBE_RGB
+
+
+def check_projection(path: Path, exif: Image.Exif, xmp: bytes | str | None) -> None:
+    """Raise `InputError` for a panorama by what its EXIF or XMP says: no lens' picture, whatever its shape."""
+    found = _PROJECTION.search(xmp.encode() if isinstance(xmp, str) else xmp or b"")
+    if found is None and exif.get_ifd(EXIF_FOLDER).get(_CUSTOM_RENDERED) != _APPLES_PANORAMA:
+        return
+    kind = "stitched" if found is None else found[1].decode()
+    raise InputError(
+        f"{path} is a panorama ({kind}), which no camera model fits; use ordinary photos, or cut views with a pinhole's "
+        "perspective out of it."
+    )
 
 
 def apple_entry(exif: Image.Exif, number: int, count: int) -> np.ndarray | None:

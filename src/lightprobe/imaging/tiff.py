@@ -16,7 +16,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.extras import photo_library
 from lightprobe.core.muted import muted
 from lightprobe.imaging.color import straight
-from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding
+from lightprobe.imaging.encodings import LINEAR, SRGB, Encoding, linear
 from lightprobe.imaging.limits import check_pixels
 from lightprobe.imaging.opening import Header, Samples, decode_errors
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
@@ -97,7 +97,7 @@ def decode(path: Path) -> Samples:
             values = (np.asarray(page.colormap)[:, values[..., 0]] >> 8).astype(np.uint8).transpose(1, 2, 0)
     if values.dtype.kind == "f":
         values = values.astype(np.float32)
-        return Samples(straight(values) if _ASSOCIATED in _extra(page) else values, LINEAR)
+        return Samples(straight(values) if _ASSOCIATED in _extra(page) else values, encoding)
     levels = 255 if photometric == _PALETTE else 2 ** int(page.bitspersample) - 1
     values = np.array(values, np.uint8 if values.dtype == bool else values.dtype)
     if photometric == _WHITE_IS_ZERO:
@@ -142,10 +142,12 @@ def _extra(page: Any) -> tuple[int, ...]:
 
 
 def _encoding(page: Any) -> Encoding:
-    if page.dtype is not None and page.dtype.kind == "f":
-        return LINEAR
-    profile = _tag(page, _PROFILE)
-    return icc_encoding(profile) if isinstance(profile, bytes) and profile else SRGB
+    """Return the encoding of a page; of floats, which are linear, a profile tells the primaries."""
+    profile, is_float = _tag(page, _PROFILE), page.dtype is not None and page.dtype.kind == "f"
+    encoding = icc_encoding(profile) if isinstance(profile, bytes) and profile else SRGB
+    if not is_float:
+        return encoding
+    return LINEAR if encoding.matrix is None else Encoding(encoding.name, (linear,), encoding.matrix)
 
 
 def _tag(page: Any, number: int) -> Any:

@@ -198,7 +198,9 @@ def _decoded(path: Path) -> Iterator[tuple[int, Any, float]]:
     except library.error.FFmpegError as error:
         if index < 0:
             reason = str(error.strerror or error).rstrip(".")
-            raise InputError(f"{path} cannot be decoded ({reason}); it is damaged or cut short.") from error
+            raise InputError(
+                f"{path} cannot be decoded ({reason}); it is damaged or cut short: copy it again."
+            ) from error
         sentence = f"{path} is damaged behind its frame {index}; only the frames up to it are used."
         warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     if index < 0:
