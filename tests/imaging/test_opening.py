@@ -20,6 +20,7 @@ KINDS = {
     "a.jxl": "is a JPEG XL image, which is not read; " + SAVE,
     "boxed.jxl": "is a JPEG XL image, which is not read; " + SAVE,
     "a.qoi": "is a QOI image, which is not read; " + SAVE,
+    "a.jxr": "is a JPEG XR image, which is not read; " + SAVE,
     "a.pdf": "is a PDF document, which is not read; " + SAVE,
     "a.psd": "is a Photoshop document, which is not read; " + SAVE,
     "a.mov": "is a video where a photo is meant; give the video alone, or save a picture of it.",
@@ -31,6 +32,7 @@ KINDS = {
 }
 BYTES = {
     "a.psd": b"8BPS\0\x01" + bytes(60),
+    "a.jxr": b"II\xbc\x01" + bytes(60),
     "a.mov": b"\0\0\0\x18ftypqt  \0\0\0\0qt  " + bytes(40),
     "a.avi": b"RIFF\0\0\1\0AVI LIST" + bytes(60),
     "a.mkv": b"\x1a\x45\xdf\xa3" + bytes(60),
