@@ -13,7 +13,7 @@ from tests.imaging import heif_files
 from tests.imaging.apple_notes import apple_note
 from tests.imaging.gain_files import iso_metadata, write_gain_jpeg, xmp_metadata
 from tests.imaging.icc_profiles import P3_PRIMARIES, grey_icc, icc
-from tests.imaging.raw_files import write_dng
+from tests.imaging.raw_files import lens_shading, opcode_list, write_dng, write_linear_dng
 
 _RNG = np.random.default_rng(26)
 _COLOR = _RNG.integers(0, 256, (12, 16, 3), np.uint8)
@@ -120,4 +120,8 @@ def write_radiances(folder: Path) -> None:
 
 def write_raw(folder: Path) -> None:
     """Write a camera raw file."""
-    write_dng(folder / "camera.dng", _RNG.random((24, 32, 3)), orientation=6, focal_35=28)
+    mosaic = _RNG.random((24, 32, 3))
+    write_dng(folder / "camera.dng", mosaic, orientation=6, focal_35=28)
+    shading = opcode_list(lens_shading(1 + _RNG.random((2, 3)), size=(24, 32)))
+    write_dng(folder / "shaded.dng", mosaic, extra=[shading])
+    write_linear_dng(folder / "linear.dng", mosaic, blacks=(64, 64, 64), white=4095)

@@ -62,6 +62,9 @@ def test_a_map_that_cannot_be_read_is_one_sentence(tmp_path, options, reason):
         color, _, clipped = read_photo(path)
     assert color.max() == 1
     assert clipped[:60].all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # said once for each photo
+        read_ldr(path)
 
 
 def test_a_map_larger_than_its_picture(tmp_path):

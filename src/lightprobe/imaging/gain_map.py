@@ -129,7 +129,7 @@ def apple_gain(headroom_note: float, gain_note: float) -> Gain:
 
 
 @functools.lru_cache(maxsize=4096)  # a photo is decoded many times, and this is said once
-def say_unread(path: Path, reason: object) -> None:
+def say_unread(path: Path, reason: str) -> None:
     """Warn that a photo's gain map is left aside and why."""
     warnings.warn(
         f"{path} has a gain map that is not read ({reason}): only its picture is, in which what is white was at least "

@@ -16,7 +16,7 @@ from lightprobe.imaging.color import straight
 from lightprobe.imaging.encodings import Encoding, coded
 from lightprobe.imaging.gain_map import GainMap, apple_gain, say_unread
 from lightprobe.imaging.limits import check_pixels
-from lightprobe.imaging.opening import Header, Samples, decode_errors, has_tone_map
+from lightprobe.imaging.opening import DAMAGE, Header, Samples, decode_errors, has_tone_map
 from lightprobe.imaging.profiles import icc_encoding, samples_to_srgb
 from lightprobe.imaging.tags import apple_note, check_projection, loaded_exif
 
@@ -65,8 +65,8 @@ def _gain_map(path: Path, image: Any) -> GainMap | None:
         if second.size[0] > image.size[0] or second.size[1] > image.size[1]:
             raise ValueError("it is larger than its picture")
         samples = np.asarray(second)
-    except (OSError, ValueError, RuntimeError, SyntaxError, LookupError) as error:
-        say_unread(path, error)
+    except DAMAGE as error:
+        say_unread(path, str(error) or type(error).__name__)
         return None
     return GainMap(samples.reshape(*samples.shape[:2], -1)[..., :1], gain)
 

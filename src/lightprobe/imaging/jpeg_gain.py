@@ -14,6 +14,7 @@ from PIL import Image, JpegImagePlugin
 
 from lightprobe.core.reading import BoundedFile
 from lightprobe.imaging.gain_map import ISO_NAME, Gain, GainMap, apple_gain, iso_gain, say_unread, xmp_gain
+from lightprobe.imaging.opening import DAMAGE
 from lightprobe.imaging.profiles import icc_encoding
 from lightprobe.imaging.tags import apple_note, loaded_exif
 
@@ -39,7 +40,7 @@ def read_gain_map(path: Path, image: Image.Image) -> GainMap | None:
             _XMP_MARK in image.info.get("xmp", b"")
         ):
             raise ValueError("its second picture is missing")
-    except (OSError, SyntaxError, ValueError, KeyError, TypeError, struct.error) as error:
+    except DAMAGE as error:
         say_unread(path, str(error) or type(error).__name__)
     return None
 

@@ -26,7 +26,7 @@ IMAGE_SUFFIXES = RAW_SUFFIXES | frozenset(f".{ending}" for ending in _IMAGE.spli
 VIDEO_SUFFIXES = frozenset(f".{ending}" for ending in _VIDEO.split())
 
 # Decoders report damage with whatever their parsers run into.
-_DAMAGE = (
+DAMAGE = (
     *(OSError, SyntaxError, ValueError, EOFError, LookupError, TypeError, RuntimeError, OverflowError),
     *(struct.error, zlib.error),
 )
@@ -124,7 +124,7 @@ def decode_errors(path: Path) -> Iterator[None]:
     """Turn whatever a decoder raises on a damaged file into an `InputError` naming `path`."""
     try:
         yield
-    except _DAMAGE as error:
+    except DAMAGE as error:
         detail = str(error).strip().rstrip(".") or type(error).__name__
         raise InputError(
             f"{path} cannot be decoded ({detail}); the file is damaged or cut short: copy it again."
