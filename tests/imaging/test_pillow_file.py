@@ -4,6 +4,7 @@ import io
 import struct
 import zlib
 
+import imagecodecs
 import numpy as np
 import pillow_heif
 import pytest
@@ -138,6 +139,18 @@ def test_code_points_of_heic(tmp_path, transfer, code, light):
     told = {"color_primaries": 9, "transfer_characteristics": transfer}
     heif.save(tmp_path / "a.heic", quality=100, chroma=444, **told)
     np.testing.assert_allclose(read_ldr(tmp_path / "a.heic")[0], light, rtol=0.03)
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12])
+@pytest.mark.parametrize(("transfer", "code", "light"), [(18, 1.0, 1 / 0.265), (16, 0.7518, 1000 / 203)])
+def test_code_points_of_avif(tmp_path, transfer, code, light, bits):
+    """Its samples are read as 8 bits, of which a step of PQ is 4 %."""
+    levels = 2**bits - 1
+    samples = np.full((64, 64, 3), round(code * levels), np.uint8 if bits == 8 else np.uint16)
+    told = {"primaries": 9, "transfer": transfer, "matrix": 9}
+    data = imagecodecs.avif_encode(samples, level=100, bitspersample=bits, **told)
+    (tmp_path / "a.avif").write_bytes(data)
+    np.testing.assert_allclose(read_ldr(tmp_path / "a.avif")[0], light, rtol=0.04)
 
 
 def test_inks_without_a_profile(tmp_path):

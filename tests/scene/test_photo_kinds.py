@@ -9,6 +9,7 @@ from PIL import Image
 from lightprobe.imaging import srgb_decode, write_exr
 from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.inspect import inspect
+from tests.imaging.gain_files import iso_metadata, write_gain_jpeg
 from tests.imaging.icc_profiles import P3_PRIMARIES, icc
 from tests.scene.worlds import edit_json, names, picture, views, write_nerfstudio
 
@@ -93,6 +94,18 @@ def test_reduced_pixels_of_a_wide_profile_keep_the_files_own_clipping(tmp_path):
         assert pixels.clipped[: middle - 2][seen[: middle - 2]][:, 0].all()
         assert not pixels.clipped[middle + 2 :].any()
         assert not pixels.clipped[..., 1:].any()
+
+
+@pytest.mark.parametrize("side", [None, 36])
+def test_a_gain_map_says_how_bright_the_objects_white_was(tmp_path, side):
+    root = write_nerfstudio(tmp_path / "scene", views(4))
+    photo = load_scene(root).train[0]
+    white, half = np.full((60, 72, 3), 255, np.uint8), np.full((30, 36), 128, np.uint8)
+    write_gain_jpeg(photo.image_path, white, half, iso=iso_metadata([(0, 4, 1, 0, 0)]))
+    pixels, _ = load_pixels(photo, side)
+    seen = pixels.alpha > 0.99
+    np.testing.assert_allclose(pixels.color[seen], 2 ** (4 * 128 / 255), rtol=0.01)
+    assert not pixels.clipped.any()
 
 
 def stored(samples, orientation):
