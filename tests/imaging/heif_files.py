@@ -72,7 +72,33 @@ def write_heif(
     return path
 
 
-def _write(path, brands, items, payloads, properties, used, links):
+def write_avif_with_gain_map(path, picture, second, metadata):
+    """Write an AVIF of `picture` (H, W, 3) with `second` (H, W, 3) as its gain map, by a `tmap` item.
+
+    metadata: those of ISO 21496-1.
+    """
+    properties, used, payloads = [], [], []
+    for samples in (picture, second):
+        buffer = io.BytesIO()
+        Image.fromarray(samples).save(buffer, "AVIF", quality=100)
+        top = boxes(buffer.getvalue())
+        configuration = boxes(boxes(boxes(top[b"meta"][4:])[b"iprp"])[b"ipco"])[b"av1C"]
+        size = full(b"ispe", struct.pack(">II", samples.shape[1], samples.shape[0]))
+        own = [box(b"av1C", configuration), size, full(b"pixi", b"\3\x08\x08\x08")]
+        used.append([len(properties) + k for k in range(1, 1 + len(own))])
+        properties += own
+        payloads.append(top[b"mdat"])
+    used.append([2, 3, len(properties) + 1])  # as large and deep as the picture, in its colours
+    properties.append(box(b"colr", b"nclx" + struct.pack(">HHHB", 12, 16, 0, 0x80)))
+    items = [(1, b"av01", 0), (2, b"av01", 1), (3, b"tmap", 0)]
+    links = [box(b"dimg", struct.pack(">HHHH", 3, 2, 1, 2))]
+    group = box(b"grpl", full(b"altr", struct.pack(">IIII", 9, 2, 3, 1)))
+    brands = b"avifmif1miaftmap"
+    _write(path, brands, items, [*payloads, b"\0" + metadata], properties, used, links, group)
+    return path
+
+
+def _write(path, brands, items, payloads, properties, used, links, *groups):
     infos = [
         full(b"infe", struct.pack(">HH4s", number, 0, kind) + b"\0", version=2, flags=hidden)
         for number, kind, hidden in items
@@ -99,6 +125,7 @@ def _write(path, brands, items, payloads, properties, used, links):
                 full(b"ipma", struct.pack(">I", len(used)) + associations),
             ),
             *([full(b"iref", *links)] if links else []),
+            *groups,
         )
 
     head = box(b"ftyp", brands[:4], bytes(4), brands)

@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from lightprobe.core.errors import InputError
+from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import (
     PhotoFile,
     foreign_encoding,
@@ -21,8 +21,8 @@ from lightprobe.imaging import (
     read_photo,
     srgb_decode,
 )
-from tests.imaging.gain_files import XMP, jpeg, segment
-from tests.imaging.heif_files import write_heif
+from tests.imaging.gain_files import XMP, iso_metadata, jpeg, segment
+from tests.imaging.heif_files import write_avif_with_gain_map, write_heif
 from tests.imaging.icc_profiles import P3_PRIMARIES, fixed, icc
 
 RNG = np.random.default_rng(63)
@@ -151,6 +151,14 @@ def test_code_points_of_avif(tmp_path, transfer, code, light, bits):
     data = imagecodecs.avif_encode(samples, level=100, bitspersample=bits, **told)
     (tmp_path / "a.avif").write_bytes(data)
     np.testing.assert_allclose(read_ldr(tmp_path / "a.avif")[0], light, rtol=0.04)
+
+
+def test_a_gain_map_in_avif_is_said_to_be_left_aside(tmp_path):
+    path = tmp_path / "a.avif"
+    white = np.full((64, 64, 3), 255, np.uint8)
+    write_avif_with_gain_map(path, white, white // 2, iso_metadata([(0.0, 3.0, 1.0, 0.0, 0.0)]))
+    with pytest.warns(LightprobeWarning, match=r"a\.avif has a gain map that is not read \(in AVIF\)"):
+        assert read_photo(path)[2].all()
 
 
 def test_inks_without_a_profile(tmp_path):
