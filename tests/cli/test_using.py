@@ -1,9 +1,11 @@
 """What is done with a finished run: render, relight, export, and all of it from Python."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
+import trimesh
 
 from lightprobe.core.errors import ConfigError
 from lightprobe.imaging import read_hdr, read_ldr
@@ -83,3 +85,23 @@ def test_export_writes_every_environment_twice(trained, tmp_path):
     assert (tmp_path / "mesh.glb").is_file()
     exr, hdr = (read_hdr(tmp_path / "env" / f"train_00{suffix}") for suffix in (".exr", ".hdr"))
     assert np.abs(exr - hdr).max() <= exr.max() / 128
+
+
+def test_export_tells_of_an_object_at_survey_coordinates(trained, tmp_path, capsys):
+    """The mesh is there as exactly as at the origin, and programs of 32 bits are warned of."""
+    _, run = trained
+    near, far, moved = tmp_path / "near", tmp_path / "far", tmp_path / "run"
+    shutil.copytree(run.path, moved)
+    record = json.loads((moved / "scene.json").read_text())
+    offset = np.array([345678.123, 5812345.678, 112.3])
+    record["similarity"]["center"] = (offset + record["similarity"]["center"]).tolist()
+    (moved / "scene.json").write_text(json.dumps(record))
+    succeed("export", run.path, "-o", near)
+    assert "far from their origin" not in capsys.readouterr().err
+    succeed("export", moved, "-o", far)
+    told = capsys.readouterr().err
+    assert "far from their origin" in told
+    assert "up to 0.25 units away" in told
+    x, y, z = offset
+    (here, there) = (trimesh.load_mesh(folder / "mesh.glb", process=False) for folder in (near, far))
+    assert there.vertices == pytest.approx(here.vertices + np.array([x, z, -y]), abs=1e-6)

@@ -68,7 +68,7 @@ def glb_directions(tmp_path_factory):
     up = torch.tensor([0.0, 0.0, 1.0]).expand(8, 8, 3)
     path = tmp_path_factory.mktemp("glb") / "spikes.glb"
     write_mesh(Asset(mesh, Textures(torch.ones(8, 8, 3), flat, 0 * flat, up)), SIMILARITY, path)
-    positions = np.unique(Glb(path.read_bytes()).attribute("POSITION"), axis=0)
+    positions = np.unique(Glb(path.read_bytes()).positions(), axis=0)
     x, y, z = SIMILARITY.center
     spikes = positions - np.array([x, z, -y])
     spikes = spikes[np.linalg.norm(spikes, axis=1) > 1.5 * SIMILARITY.scale]

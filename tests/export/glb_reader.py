@@ -47,6 +47,10 @@ class Glb:
     def attribute(self, name: str) -> np.ndarray:
         return self.array(self.document["meshes"][0]["primitives"][0]["attributes"][name])
 
+    def positions(self) -> np.ndarray:
+        """Return where the first node's transform puts the vertices, (N, 3) float64."""
+        return self.attribute("POSITION") + np.array(self.document["nodes"][0]["translation"], np.float64)
+
     def faces(self) -> np.ndarray:
         return self.array(self.document["meshes"][0]["primitives"][0]["indices"]).reshape(-1, 3)
 

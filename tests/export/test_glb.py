@@ -53,7 +53,7 @@ def test_positions_are_the_users_turned_y_up(written, glb):
     mesh = written[0].mesh
     x, y, z = SIMILARITY.invert(mesh.vertices.numpy())[mesh.faces.numpy().ravel()].T
     expected = np.stack([x, z, -y], axis=1)
-    assert np.abs(glb.attribute("POSITION")[glb.faces().ravel()] - expected).max() < 1e-5
+    assert np.abs(glb.positions()[glb.faces().ravel()] - expected).max() < 1e-5
 
 
 def test_corners_keep_their_texture_coordinates_and_normals(written, glb):

@@ -12,11 +12,11 @@ from tests.insertion.glbs import Writer, box, png, write
 
 def test_a_box_is_read_z_up_with_flat_outward_normals(tmp_path):
     virtual = load_virtual_object(write(tmp_path / "box.glb", box()))
-    assert virtual.vertices.amin(0).tolist() == [-1, -1, 0]
-    assert virtual.vertices.amax(0).tolist() == [1, 1, 2]
+    assert virtual.vertices.amin(0).tolist() == [-1, -1, -1]
+    assert virtual.vertices.amax(0).tolist() == [1, 1, 1]
     outward = torch.nn.functional.normalize(face_normals(virtual.vertices, virtual.faces), dim=1)
     torch.testing.assert_close(virtual.normals[virtual.faces[:, 0].long()], outward)
-    middles = virtual.vertices[virtual.faces.long()].mean(1) - torch.tensor([0.0, 0, 1])
+    middles = virtual.vertices[virtual.faces.long()].mean(1)
     assert ((outward * middles).sum(1) > 0).all()
 
 
@@ -40,12 +40,24 @@ def test_nodes_turn_scale_and_mirror(tmp_path):
         {"mesh": 0, "scale": [3, 1, -1]},
     ]
     virtual = load_virtual_object(write(tmp_path / "box.glb", made))
-    # x <- -y, y <- x, turned about z, then z up
-    assert np.allclose(virtual.vertices.amin(0), [-2, -1, 2], atol=1e-5)
-    assert np.allclose(virtual.vertices.amax(0), [0, 1, 8], atol=1e-5)
+    # x <- -y, y <- x, turned about z, then z up; where the box is does not matter
+    assert np.allclose(virtual.vertices.amin(0), [-1, -1, -3], atol=1e-5)
+    assert np.allclose(virtual.vertices.amax(0), [1, 1, 3], atol=1e-5)
     middles = virtual.vertices[virtual.faces.long()].mean(1) - virtual.vertices.mean(0)
     assert ((face_normals(virtual.vertices, virtual.faces) * middles).sum(1) > 0).all()
     assert ((virtual.normals[virtual.faces[:, 0].long()] * middles).sum(1) > 0).all()
+
+
+def test_an_object_at_survey_coordinates_is_the_same_as_at_the_origin(tmp_path):
+    near, far = (box(), box())
+    far.document["nodes"][0]["translation"] = [345678.123, 112.3, -5812345.678]
+    far.document["materials"] = near.document["materials"] = [{"doubleSided": True}]
+    here, there = (
+        load_virtual_object(write(tmp_path / f"{i}.glb", made)) for i, made in enumerate((near, far))
+    )
+    torch.testing.assert_close(there.vertices, here.vertices, atol=1e-6, rtol=0)
+    torch.testing.assert_close(there.normals, here.normals)
+    assert (there.twin == -1).all()  # a closed box has no other side to be seen
 
 
 def textured(made: Writer, **material) -> Writer:

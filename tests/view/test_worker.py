@@ -78,10 +78,10 @@ def test_the_newest_checkpoint_is_sent_as_numbers(tmp_path):
         decompose(load_scene(tmp_path / "scene"), SETTINGS, progress=Progress(run.checkpoints, on_step))
     told = worker.answer(asked, print)
     data = (tmp_path / "preview.bin").read_bytes()
-    vertices, faces = struct.unpack_from("<II", data)
+    vertices, faces, *middle = struct.unpack_from("<II3d", data)
     assert (told["step"], told["stage"], told["faces"]) == (2, "pass1", faces)
-    assert len(data) == 8 + 12 * (2 * vertices + faces)
-    positions = np.frombuffer(data, "<f4", 3 * vertices, 8).reshape(-1, 3)
+    assert len(data) == 32 + 12 * (2 * vertices + faces)
+    positions = np.frombuffer(data, "<f4", 3 * vertices, 32).reshape(-1, 3) + middle
     assert np.median(np.linalg.norm(positions, axis=1)) == pytest.approx(1, abs=0.25)  # the toy scene's ball
 
 

@@ -132,7 +132,7 @@ def encode_glb(
         "asset": {"version": "2.0", "generator": "lightprobe"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": name}],
+        "nodes": [{"mesh": 0, "name": name, "translation": mesh.origin.tolist()}],
         "meshes": [{"primitives": [primitive], "name": name}],
         "materials": [material],
         "textures": [{"source": i, "sampler": 0} for i in range(len(images))],

@@ -1,6 +1,10 @@
 """The mesh as glTF wants it: one index per corner, y up, the user's units, tangents with handedness.
 
 Frames: normalised (z up) -> user (z up), by undoing the similarity -> glTF, by (x, y, z) -> (x, z, -y).
+
+Formats store vertices in 32 bits, seven digits: those of an object at survey coordinates, millions of units away,
+would fall together. So vertices are told from the object's middle, and where that is, in 64 bits, apart from them:
+it goes into the transform of the node or prim, which both formats keep in 64 bits.
 """
 
 from dataclasses import dataclass
@@ -17,7 +21,8 @@ from lightprobe.scene.camera import Similarity
 class GltfMesh:
     """Arrays of N vertices and F triangles in the glTF frame."""
 
-    positions: np.ndarray  # (N, 3) float32, user's units
+    origin: np.ndarray  # (3,) float64, user's units: where the middle of the object is
+    positions: np.ndarray  # (N, 3) float32, user's units, from `origin`
     normals: np.ndarray  # (N, 3) float32, unit
     tangents: np.ndarray  # (N, 4) float32: unit, orthogonal to the normal; w = +-1
     uvs: np.ndarray  # (N, 2) float32, v downwards
@@ -46,7 +51,10 @@ def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     normal = _unit(normals[bent], np.array([0.0, 0.0, 1.0]))
     tangent = _orthogonal_unit(tangents[uv], normal)
     return GltfMesh(
-        to_y_up(similarity.invert(mesh.vertices.detach().numpy()[vertex])).astype(np.float32),
+        to_y_up(similarity.center),
+        to_y_up(similarity.scale * mesh.vertices.detach().numpy()[vertex].astype(np.float64)).astype(
+            np.float32
+        ),
         to_y_up(normal).astype(np.float32),
         np.concatenate([to_y_up(tangent), w[:, None]], axis=1).astype(np.float32),
         mesh.uvs.numpy()[uv].astype(np.float32),

@@ -1,7 +1,7 @@
 """The object and its light as a USD stage, and the same as one USDZ package.
 
-The stage is y-up, in the user's units, with a mesh of one UsdPreviewSurface material, a dome light with the
-map, and a distant light for each sun or lamp.
+The stage is y-up, in the user's units, which it takes for metres, with a mesh of one UsdPreviewSurface material, a
+dome light with the map, and a distant light for each sun or lamp.
 
 A dome of format `latlong` has its pole at local +y, the middle of the picture at local +z and its left quarter at
 local +x (OpenEXR's latitude-longitude map). A map of this project has z on top, +x in the middle and +y at the left
@@ -75,6 +75,7 @@ def _define_mesh(stage: Any, mesh: GltfMesh, path: str) -> None:
     prim.CreateSubdivisionSchemeAttr(geometry.Tokens.none)
     low, high = (gf.Vec3f(*map(float, edge)) for edge in (mesh.positions.min(0), mesh.positions.max(0)))
     prim.CreateExtentAttr(vt.Vec3fArray([low, high]))
+    prim.AddTranslateOp(geometry.XformOp.PrecisionDouble).Set(gf.Vec3d(*mesh.origin.tolist()))
     uv = np.stack([mesh.uvs[:, 0], 1 - mesh.uvs[:, 1]], 1)  # USD's v points up
     kind = sdf.ValueTypeNames.TexCoord2fArray
     coordinates = geometry.PrimvarsAPI(prim).CreatePrimvar("st", kind, geometry.Tokens.vertex)

@@ -27,7 +27,7 @@ _READ_EXTENSIONS = {"KHR_texture_transform", "KHR_materials_emissive_strength", 
 class VirtualObject:
     """Triangles of V vertices; each vertex has one normal, one place in each texture set and one colour."""
 
-    vertices: Tensor  # (V, 3) float32, z up
+    vertices: Tensor  # (V, 3) float32, z up, from the middle of its box: coordinates of a survey would round
     faces: Tensor  # (F, 3) int32, counter-clockwise from outside
     normals: Tensor  # (V, 3) unit
     uvs: Tensor  # (V, 4): two sets of texture coordinates
@@ -227,6 +227,7 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
     vertices = np.concatenate(columns["vertices"])
     if (vertices.max(0) - vertices.min(0)).max() < 1e-9:
         raise InputError(f"{file.path} has no extent: all its vertices are at one point.")
+    columns["vertices"] = [vertices - (vertices.min(0) + vertices.max(0)) / 2]
     return VirtualObject(
         **{key: torch.from_numpy(np.concatenate(values)).float() for key, values in columns.items()},
         faces=torch.from_numpy(np.concatenate(faces).astype(np.int32)),
@@ -239,7 +240,8 @@ def _joined(file: GlbFile, parts: list[_Part], materials: dict[int | None, Mater
 
 def _encloses(part: _Part) -> bool:
     """Return whether a part bounds a solid, with vertices joined that textures and creases have split."""
-    points, index = np.unique(part.vertices.astype(np.float32) + 0.0, axis=0, return_inverse=True)
+    near = part.vertices - part.vertices[0]  # far from the origin 32 bits would join vertices that are apart
+    points, index = np.unique(near.astype(np.float32) + 0.0, axis=0, return_inverse=True)
     return is_closed(torch.from_numpy(points), torch.from_numpy(index.reshape(-1)[part.faces]))
 
 

@@ -1,13 +1,15 @@
 """What a run's object is shown in and handed on as: pictures under a light, and files for other programs."""
 
+import warnings
 from pathlib import Path
 
+import numpy as np
 import torch
 
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import ConfigError
+from lightprobe.core.errors import ConfigError, LightprobeWarning
 from lightprobe.core.files import filled_folder, holds_files, named_file, refuse_replacing
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Relighter, relight, turntable
@@ -18,9 +20,11 @@ from lightprobe.jobs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import read_camera
+from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
 
 _LARGEST_SIDE = 8192  # pixels of a picture's edge
+_PLACED = 1e-4  # of the object's radius: a place in 32 bits that is rounded by more is told of
 
 
 def render_run(
@@ -116,7 +120,24 @@ def export_run(
     with filled_folder(output) as files:
         written = export(decomposition, files, decomposition.lights, light=light, height=height, usd=usd)
         written.append(write_addon(files))
+        _tell_of_place(decomposition.similarity)
         return [output / path.relative_to(files) for path in written]
+
+
+def _tell_of_place(similarity: Similarity) -> None:
+    """Warn of an object so far from the origin that programs of 32 bits put it beside its place."""
+    farthest = float(np.abs(similarity.center).max())
+    step = float(np.spacing(np.float32(farthest)))
+    if step <= _PLACED * similarity.scale:
+        return
+    x, y, z = (f"{value:.10g}" for value in similarity.center)
+    warnings.warn(
+        f"The object's middle is at ({x}, {y}, {z}) in the cameras' coordinates, far from their origin. The mesh is "
+        "written around its middle, and the node of mesh.glb and the prim of scene.usdc have the offset, exactly; a "
+        f"program that keeps places in 32 bits, as Blender does, puts it up to {step / 2:.2g} units away from there.",
+        LightprobeWarning,
+        stacklevel=3,
+    )
 
 
 def _refuse_mixing(folder: Path) -> None:

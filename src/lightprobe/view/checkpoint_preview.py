@@ -1,7 +1,8 @@
 """The object of a run in training for the page: the surface of its newest checkpoint, and its base colours.
 
-preview.bin, little endian: vertex count V and face count F as uint32, then (V, 3) float32 positions in glTF's
-y-up frame and the user's units, (V, 3) float32 linear base colours, (F, 3) uint32 corners.
+preview.bin, little endian: vertex count V and face count F as uint32, then, in glTF's y-up frame and the user's
+units, the object's middle (3,) float64 and (V, 3) float32 positions from there; (V, 3) float32 linear base colours,
+(F, 3) uint32 corners.
 """
 
 import struct
@@ -56,7 +57,7 @@ def encoded(
     vertices: torch.Tensor, faces: torch.Tensor, color: torch.Tensor, similarity: Similarity
 ) -> bytes:
     """Return vertices (V, 3) of the normalised frame, faces (F, 3) and linear colours (V, 3) as preview.bin."""
-    positions = to_y_up(similarity.invert(vertices.cpu().numpy())).astype("<f4")
+    positions = to_y_up(similarity.scale * vertices.double().cpu().numpy()).astype("<f4")
     colors, corners = color.clamp(0, 1).cpu().numpy().astype("<f4"), faces.cpu().numpy().astype("<u4")
-    head = struct.pack("<II", len(positions), len(corners))
+    head = struct.pack("<II3d", len(positions), len(corners), *to_y_up(similarity.center))
     return head + b"".join(np.ascontiguousarray(part).tobytes() for part in (positions, colors, corners))

@@ -68,11 +68,14 @@ export class CheckpointPreview {
   #mesh(buffer) {
     const THREE = this.three;
     const [vertices, faces] = new Uint32Array(buffer, 0, 2);
+    const [colors, corners] = [32 + 12 * vertices, 32 + 24 * vertices];
     const geometry = new THREE.BufferGeometry();
-    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(buffer, 8, 3 * vertices), 3));
-    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(buffer, 8 + 12 * vertices, 3 * vertices), 3));
-    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(buffer, 8 + 24 * vertices, 3 * faces), 1));
+    geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(buffer, 32, 3 * vertices), 3));
+    geometry.setAttribute("color", new THREE.BufferAttribute(new Float32Array(buffer, colors, 3 * vertices), 3));
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(buffer, corners, 3 * faces), 1));
     geometry.computeVertexNormals();
-    return new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.8, side: THREE.DoubleSide }));
+    const mesh = new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ vertexColors: true, roughness: 0.8, side: THREE.DoubleSide }));
+    mesh.position.fromArray(new Float64Array(buffer, 8, 3));
+    return mesh;
   }
 }
