@@ -13,7 +13,7 @@ from tests.cli.commands import fails, succeed
 from tests.export.glb_reader import Glb
 
 KEYS = (
-    "format version map units color_space axes up sources sources_sought spherical_harmonics white_balance exposure "
+    "format version map units color_space axes up sources sources_sought spherical_harmonics webxr white_balance exposure "
     "photometry calibration confidence photo verdict background"
 )
 
@@ -36,6 +36,7 @@ def test_predict_writes_a_map_of_the_size_that_is_asked_for_and_what_else_is_kno
     assert told["photo"]["camera"]["width"] > 0
     assert told["photometry"]["cd_per_m2_per_unit"] is None
     assert len(told["spherical_harmonics"]["coefficients_rgb"]) == 9
+    assert len(told["webxr"]["sphericalHarmonicsCoefficients"]) == 27
     assert 0 < told["confidence"]["mean"] < 1
     for source in told["sources"]:
         assert math.hypot(*source["direction"]) == pytest.approx(1)

@@ -34,6 +34,11 @@ def to_y_up(vectors: np.ndarray) -> np.ndarray:
     return np.stack([vectors[..., 0], vectors[..., 2], -vectors[..., 1]], axis=-1)
 
 
+Y_UP = torch.from_numpy(
+    to_y_up(np.eye(3)).T.copy()
+)  # (3, 3) float64: the y-up frame's axes, a row each, z up
+
+
 def gltf_mesh(mesh: Mesh, similarity: Similarity) -> GltfMesh:
     """Return the mesh with positions, texture coordinates and tangents under one index.
 

@@ -9,15 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import InputError, shown
 from lightprobe.core.files import read_json, write_json
+from lightprobe.export.gltf_mesh import Y_UP, to_y_up
 from lightprobe.imaging import LUMA
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import FORMAT, describes, light_file
 from lightprobe.light.sources import MOST, LightSource
-from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics
+from lightprobe.light.spherical_harmonics import BASIS, WINDOW, harmonics, plain_harmonics
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Prediction
 from lightprobe.scene.camera import Camera
@@ -57,6 +60,7 @@ def write_light_file(
             **_map_and_sources(map_path, map_height or 2 * light.resolution, sources, sun, copies),
             "sources_sought": prediction.split is not None,
             "spherical_harmonics": _harmonics(light),
+            "webxr": webxr_estimate(light if prediction.split is None else prediction.split.rest, sources),
             "white_balance": _white_balance(light),
             "exposure": {"ev100": photo.ev100, "source": None if photo.ev100 is None else "EXIF"},
             "photometry": _photometry(photo.ev100, calibration),
@@ -140,6 +144,28 @@ def _harmonics(light: Environment) -> dict[str, Any]:
         "order": list(BASIS),
         "window": {"name": "Hann", "width": 3, "factors": list(WINDOW), "applied": True},
         "coefficients_rgb": harmonics(light.texels.cpu()).tolist(),
+    }
+
+
+def webxr_estimate(rest: Environment, sources: Sequence[LightSource]) -> dict[str, Any]:
+    """Return a light as the three fields of WebXR's XRLightEstimate, in its y-up frame.
+
+    rest: the light without its `sources`, of which the strongest, the first, is the primary light; all the rest is
+    in the spherical harmonics, since a page that shows both adds them. Without sources the primary light is black
+    and overhead, as the specification asks for. As three.js reads them, the harmonics are of radiance, not windowed,
+    red, green and blue of each together, and the intensity is an irradiance.
+    """
+    ambient = rest.texels.cpu().clone()
+    for source in sources[1:]:
+        ambient += source.texels(rest.resolution)
+    towards, irradiance = (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
+    if sources:
+        towards, irradiance = sources[0].direction, sources[0].irradiance
+    direction = to_y_up(np.array(towards)) + 0.0  # of -0 and 0 one
+    return {
+        "sphericalHarmonicsCoefficients": plain_harmonics(ambient, Y_UP).ravel().tolist(),
+        "primaryLightDirection": dict(zip("xyzw", [*direction.tolist(), 0.0], strict=True)),
+        "primaryLightIntensity": dict(zip("xyzw", [*irradiance, 1.0], strict=True)),
     }
 
 

@@ -1,4 +1,4 @@
-"""A light's first nine spherical harmonics, windowed.
+"""A light's first nine spherical harmonics, plain or windowed.
 
 Notation: the real orthonormal basis of Ramamoorthi and Hanrahan (2001), no Condon-Shortley signs, in the
 order of `BASIS`, of a direction (x, y, z) in the light's own axes, z up:
@@ -38,9 +38,17 @@ def basis(directions: Tensor) -> Tensor:
 
 def harmonics(light: Tensor) -> Tensor:
     """Return the windowed coefficients (9, 3) of a light (6, R, R, 3)."""
+    window = torch.tensor([WINDOW[level] for level in _LEVEL], dtype=torch.float64, device=light.device)
+    return (window[:, None] * plain_harmonics(light).double()).float()
+
+
+def plain_harmonics(light: Tensor, axes: Tensor | None = None) -> Tensor:
+    """Return the coefficients (9, 3) of a light (6, R, R, 3), w_l = 1: those whose irradiance is the nearest.
+
+    axes (3, 3): of the frame that they are for, each row one axis in the light's own frame; by default that frame.
+    """
     resolution = light.shape[1]
     angle = cubemap.exact_solid_angles(resolution, light.device)[..., None]
-    functions = basis(cubemap.exact_directions(resolution, light.device))
-    window = torch.tensor([WINDOW[level] for level in _LEVEL], dtype=torch.float64, device=light.device)
-    coefficients = torch.einsum("frcb,frck->bk", functions, light.double() * angle)
-    return (window[:, None] * coefficients).float()
+    directions = cubemap.exact_directions(resolution, light.device)
+    functions = basis(directions if axes is None else directions @ axes.to(directions).T)
+    return torch.einsum("frcb,frck->bk", functions, light.double() * angle).float()
