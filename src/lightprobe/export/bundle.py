@@ -13,6 +13,7 @@ from lightprobe.export.glb import DirectionalLight, GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
 from lightprobe.export.light_file import write_sources
 from lightprobe.export.pictures import NAMES, write_pictures
+from lightprobe.export.ultra_hdr import write_ultra_hdr
 from lightprobe.export.usd import check_usd, write_usd
 from lightprobe.light.environment import Environment
 from lightprobe.light.files import write_map
@@ -64,7 +65,8 @@ def export(
     """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
     mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
-    `light`, also light.exr, light.hdr, its lamps in light.light.json, and scene.glb, the mesh with the lamps.
+    `light`, also light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh
+    with the lamps.
     usd: scene.usdc and scene.usdz, the mesh with the light, if there is one. height: rows of all maps, by
     default their own. Raises `ConfigError` when USD's library is missing, before anything is written.
     """
@@ -83,9 +85,11 @@ def export(
         for name in ("light.exr", "light.hdr"):
             write_map(folder / name, image)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
+        write_ultra_hdr(folder / "light.jpg", image)
         write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, ["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
-        written += [folder / name for name in ("light.exr", "light.hdr", "light.light.json", "scene.glb")]
+        names = "light.exr", "light.hdr", "light.jpg", "light.light.json", "scene.glb"
+        written += [folder / name for name in names]
     if usd:
         written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
     return written
