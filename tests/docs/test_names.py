@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src" / "lightprobe").glob("*/__init__.py"))
 NAME = re.compile(rf"`(?:lightprobe\.)?((?:{'|'.join(PACKAGES)})\.[A-Za-z_][\w.]*?)(?:\(\))?`")
-FILES = (".json", ".py", ".md", ".exr", ".glb", ".png", ".txt", ".hdr", ".safetensors", ".usdc", ".usdz")
+FILES = tuple(".json .py .md .exr .glb .png .jpg .txt .hdr .mtlx .safetensors .usdc .usdz".split())
 
 
 def page_id(page: Path) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 
+from lightprobe.core.config.export import ColorSpace
 from lightprobe.export import SceneLight, export, write_mesh
 from lightprobe.geometry.textures import Textures
 from lightprobe.light import cubemap
@@ -113,6 +114,17 @@ def test_mesh_and_world_are_in_the_user_s_frame(exported):
     assert (found["view_transform"], found["distributions"]) == ("Standard", ["GGX"])
     for name, normal in normals.items():
         assert_lambert(found["pixels"][name], received(marked_cubemap(), normal))
+
+
+def test_a_map_in_acescg_is_as_coloured_as_one_in_srgb(exported, tmp_path):
+    light, normal = Environment(marked_cubemap()), (2.0, -1.0, 0.5)
+    (tmp_path / "mesh.glb").write_bytes((exported / "mesh.glb").read_bytes())
+    light.save(tmp_path / "light.exr", color_space=ColorSpace.ACESCG)
+    view = {"side": seen_from(normal)}
+    found = in_blender(tmp_path, "mesh.glb", views=view, target=SIMILARITY.center.tolist(), side=9)
+    usual = in_blender(exported, "mesh.glb", views=view, target=SIMILARITY.center.tolist(), side=9)
+    assert found["map"] == [str(tmp_path / "light.exr")]
+    assert found["pixels"]["side"] == pytest.approx(usual["pixels"]["side"], rel=0.01)
 
 
 def test_lamps_shine_from_where_the_file_says_as_bright_as_it_says(exported):

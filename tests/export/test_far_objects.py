@@ -7,6 +7,7 @@ import pytest
 import scipy
 import trimesh
 
+from lightprobe.core.config.export import ExportOptions
 from lightprobe.export import export
 from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
@@ -29,7 +30,12 @@ PLACES = {
 @pytest.fixture(scope="module", params=PLACES)
 def written(request, tmp_path_factory) -> tuple[Path, Similarity]:
     folder, similarity = tmp_path_factory.mktemp("far"), PLACES[request.param]
-    export(Decomposition(Asset(BALL, toy_textures(8)), {}, similarity), folder, {}, usd=True)
+    export(
+        Decomposition(Asset(BALL, toy_textures(8)), {}, similarity),
+        folder,
+        {},
+        options=ExportOptions(usd=True),
+    )
     return folder, similarity
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from lightprobe.core.config.export import ColorSpace, Dome, ExportOptions
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.errors import ConfigError, InputError, ResourceError
 from lightprobe.export import SceneLight, export
@@ -24,6 +25,7 @@ from tests.export.glb_reader import Glb
 from tests.export.toy_asset import SIMILARITY, difficult_mesh, toy_textures
 
 ROOT = Path(__file__).parents[2]
+USD = ExportOptions(usd=True)
 LAMPS = (
     LightSource((0.48, 0.6, 0.64), math.radians(3), (3.0, 2.4, 1.5)),
     LightSource((0.0, 0.0, -1.0), math.radians(0.265), (0.1, 0.2, 0.4)),
@@ -42,7 +44,9 @@ def folder(tmp_path_factory) -> Path:
         Asset(difficult_mesh(), toy_textures(16)), {"r_0": Environment(torch.ones(6, 8, 8, 3))}, SIMILARITY
     )
     light = SceneLight(sky(), LAMPS)
-    written = export(decomposition, folder, decomposition.lights, light=light, height=64, usd=True)
+    written = export(
+        decomposition, folder, decomposition.lights, light=light, options=ExportOptions(64, usd=True)
+    )
     assert sorted(written) == sorted(path for path in folder.rglob("*") if path.is_file())
     return folder
 
@@ -91,7 +95,9 @@ def test_khronos_validator_has_nothing_to_say_about_lamps(folder):
 
 
 @pytest.mark.parametrize("name", ["scene.usdc", "scene.usdz"])
-def test_usd_s_own_validators_find_nothing(folder, name):
+@pytest.mark.parametrize("made", ["folder", "graded"])
+def test_usd_s_own_validators_find_nothing(request, made, name):
+    folder = request.getfixturevalue(made)
     usd, validation = pytest.importorskip("pxr.Usd"), pytest.importorskip("pxr.UsdValidation")
     registry = validation.ValidationRegistry()
     names = [one.name for one in registry.GetAllValidatorMetadata() if not one.isSuite]
@@ -162,7 +168,7 @@ def test_without_usd_s_library_a_sentence_names_the_extra(tmp_path, monkeypatch)
     monkeypatch.setitem(sys.modules, "pxr.Usd", None)
     with pytest.raises(ConfigError, match=r"lightprobe\[usd\]"):
         export(
-            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True
+            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, options=USD
         )
     assert not list(tmp_path.iterdir())
 
@@ -179,5 +185,62 @@ def test_a_package_that_usd_s_library_could_not_write_is_told(tmp_path, monkeypa
     monkeypatch.setattr(utils, "CreateNewUsdzPackage", package)
     with pytest.raises(ResourceError, match=r"could not write .*scene\.usdz; is there room on the disk"):
         export(
-            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, usd=True
+            Decomposition(Asset(difficult_mesh(), toy_textures(8)), {}, SIMILARITY), tmp_path, {}, options=USD
         )
+
+
+@pytest.fixture(scope="module")
+def graded(tmp_path_factory) -> Path:
+    """The same scene with maps in ACEScg and a dome that names its pole."""
+    folder = tmp_path_factory.mktemp("graded")
+    asset = Asset(difficult_mesh(), toy_textures(8))
+    lights = {"r_0": Environment(torch.ones(6, 8, 8, 3))}
+    options = ExportOptions(color_space=ColorSpace.ACESCG, usd=True, dome=Dome.POLE_AXIS)
+    export(
+        Decomposition(asset, lights, SIMILARITY),
+        folder,
+        lights,
+        light=SceneLight(sky(), LAMPS),
+        options=options,
+    )
+    return folder
+
+
+def test_maps_in_acescg_name_their_primaries_and_have_their_colours(graded):
+    """As OpenEXR's library reads them, by the matrix that ACES' own configuration of OpenColorIO has."""
+    import OpenEXR
+
+    to_ap1 = [[0.613097, 0.339523, 0.047379], [0.070194, 0.916354, 0.013452], [0.020616, 0.109570, 0.869815]]
+    for name in ("light.exr", "env/r_0.exr"):
+        file = OpenEXR.File(str(graded / name))
+        named = np.ravel(file.header()["chromaticities"])
+        assert named == pytest.approx([0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767], abs=1e-6)
+    pixels = OpenEXR.File(str(graded / "light.exr")).channels()["RGB"].pixels
+    assert pixels == pytest.approx(sky() @ np.transpose(to_ap1), rel=1e-3)
+    white = OpenEXR.File(str(graded / "env/r_0.exr")).channels()["RGB"].pixels
+    assert white == pytest.approx(1, rel=1e-3)  # adapted
+    for name in ("light.exr", "light.hdr"):  # Radiance stays sRGB's; ours reads both
+        assert read_hdr(graded / name) == pytest.approx(sky(), rel=1e-2)
+
+
+def test_a_dome_with_a_pole_axis_shows_the_map_where_a_turned_one_does(graded, folder):
+    lux, usd = pytest.importorskip("pxr.UsdLux"), pytest.importorskip("pxr.Usd")
+    stages = [usd.Stage.Open(str(place / "scene.usdc")) for place in (graded, folder)]
+    dome = lux.DomeLight_1.Get(stages[0], "/scene/environment")
+    assert (dome.GetPrim().GetTypeName(), dome.GetPoleAxisAttr().Get()) == ("DomeLight_1", "Y")
+    assert dome.GetTextureFileAttr().GetColorSpace() == "lin_ap1_scene"
+    turned = lux.DomeLight.Get(stages[1], "/scene/environment")
+    assert turned.GetPrim().GetTypeName() == "DomeLight"
+    # Y: the pole is local +y and the picture's middle local +z, as without the attribute, whatever the stage's axis
+    here, there = (one.ComputeLocalToWorldTransform(usd.TimeCode.Default()) for one in (dome, turned))
+    assert np.array(here) == pytest.approx(np.array(there))
+    assert not turned.GetTextureFileAttr().HasColorSpace()
+
+
+@pytest.mark.parametrize(("usd", "light"), [(False, True), (True, False)])
+def test_a_dome_of_no_file_is_refused(usd, light):
+    with pytest.raises(
+        ConfigError, match=r"--dome DomeLight_1 is about the light in scene\.usdc; add --usd and"
+    ):
+        ExportOptions(usd=usd, dome=Dome.POLE_AXIS).check(light)
+    ExportOptions(usd=True, dome=Dome.POLE_AXIS).check(light=True)

@@ -8,6 +8,7 @@ from tyro.conf import FlagCreatePairsOff
 from lightprobe.cli.answer import say
 from lightprobe.cli.options import CameraArg, Device, EnvironmentArg, RunArg, SizeArg, SunArg, option
 from lightprobe.cli.progress import Meter
+from lightprobe.core.config.export import ColorSpace, Dome, ExportOptions
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import RenderConfig, Renderer
 from lightprobe.core.errors import ConfigError
@@ -103,7 +104,13 @@ def export(
     ] = None,
     sun: SunArg = Sun.SEPARATE,
     size: SizeArg = None,
+    color_space: Annotated[
+        ColorSpace, option(metavar="srgb|acescg", help="Primaries of the maps in EXR, which name them.")
+    ] = ColorSpace.SRGB,
     usd: Annotated[FlagCreatePairsOff[bool], option(help="Also write scene.usdc and scene.usdz.")] = False,
+    dome: Annotated[
+        Dome, option(metavar="DomeLight|DomeLight_1", help="USD's schema of the light from all around.")
+    ] = Dome.TURNED,
     device: Device = "auto",
 ) -> None:
     """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and
@@ -116,9 +123,11 @@ def export(
     Examples:
       lightprobe export runs/cup -o cup_files
       lightprobe export runs/cup -o cup_files --env light.exr --size 1024x512 --usd
+      lightprobe export runs/cup -o cup_files --env light.exr --color-space acescg
     """
     height = None if size is None else map_height(size)
-    written = export_run(run, output, environment=env, sun=sun, height=height, usd=usd, device=device)
+    options = ExportOptions(height, color_space, usd, dome)
+    written = export_run(run, output, environment=env, sun=sun, options=options, device=device)
     say(
         f"{len(written)} files in {output}; mesh: {written[0]}", folder=output, mesh=written[0], files=written
     )

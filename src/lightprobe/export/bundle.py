@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lightprobe.core.config.export import ExportOptions
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.files import named_file, write_bytes
 from lightprobe.core.run import RunFolder
@@ -23,6 +24,7 @@ from lightprobe.models import Decomposition
 from lightprobe.render.asset import Asset
 from lightprobe.scene.camera import Similarity
 
+_USUAL = ExportOptions()
 ADDON = "lightprobe_import.py"  # for Blender
 
 
@@ -59,39 +61,39 @@ def export(
     environments: dict[str, Environment],
     *,
     light: SceneLight | None = None,
-    height: int | None = None,
-    usd: bool = False,
+    options: ExportOptions = _USUAL,
 ) -> list[Path]:
     """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
     mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
     `light`, also light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh
     with the lamps.
-    usd: scene.usdc and scene.usdz, the mesh with the light, if there is one. height: rows of all maps, by
-    default their own. Raises `ConfigError` when USD's library is missing, before anything is written.
+    As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one. Raises `ConfigError` when USD's
+    library is missing, before anything is written.
     """
-    if usd:
+    height, space = options.height, options.color_space
+    if options.usd:
         check_usd()
     env, suffixes = folder / "env", (".exr", ".hdr")
     maps = {named_file(env, name, suffix): name for name in environments for suffix in suffixes}
     mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
     written = [folder / name for name in ("mesh.glb", *(f"{name}.png" for name in NAMES))]
     for path, photo in maps.items():
-        environments[photo].save(path, height)
+        environments[photo].save(path, height, space)
     written += maps
     lamps = [] if light is None else [DirectionalLight.of(source) for source in light.lamps]
     if light is not None:
         image = light.image if height is None else resized_map(light.image, height)
         for name in ("light.exr", "light.hdr"):
-            write_map(folder / name, image)
+            write_map(folder / name, image, space)
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
         write_ultra_hdr(folder / "light.jpg", image)
         write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, ["light.hdr"])
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         names = "light.exr", "light.hdr", "light.jpg", "light.light.json", "scene.glb"
         written += [folder / name for name in names]
-    if usd:
-        written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps)
+    if options.usd:
+        written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps, options)
     return written
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from lightprobe.core.config.export import ColorSpace, Dome, ExportOptions
 from lightprobe.core.errors import ResourceError
 from lightprobe.core.extras import extra_library
 from lightprobe.export.glb import DirectionalLight
@@ -31,7 +32,11 @@ def check_usd() -> None:
 
 
 def write_usd(
-    folder: Path, mesh: GltfMesh, environment: Path | None, lights: Sequence[DirectionalLight]
+    folder: Path,
+    mesh: GltfMesh,
+    environment: Path | None,
+    lights: Sequence[DirectionalLight],
+    options: ExportOptions,
 ) -> list[Path]:
     """Write scene.usdc and scene.usdz into `folder`; return both.
 
@@ -50,7 +55,7 @@ def write_usd(
     _define_mesh(stage, mesh, "/scene/object")
     _define_material(stage, "/scene/object")
     if environment is not None:
-        _define_dome(stage, environment.name)
+        _define_dome(stage, environment.name, options)
     for k, light in enumerate(lights):
         _define_distant(stage, light, f"/scene/sun_{k + 1}")
     asset = _pxr("Sdf").AssetPath(str(stage_file))
@@ -125,10 +130,14 @@ def _define_texture(stage: Any, path: str, name: str, st: Any) -> Any:
     return texture
 
 
-def _define_dome(stage: Any, file: str) -> None:
+def _define_dome(stage: Any, file: str, options: ExportOptions) -> None:
     lux, sdf = _pxr("UsdLux"), _pxr("Sdf")
-    dome = lux.DomeLight.Define(stage, "/scene/environment")
-    dome.CreateTextureFileAttr(sdf.AssetPath(f"./{file}"))
+    dome = getattr(lux, options.dome.value).Define(stage, "/scene/environment")
+    if options.dome is Dome.POLE_AXIS:
+        dome.CreatePoleAxisAttr(lux.Tokens.Y)  # whichever axis is up where the stage is referred to
+    texture = dome.CreateTextureFileAttr(sdf.AssetPath(f"./{file}"))
+    if options.color_space is ColorSpace.ACESCG:
+        texture.SetColorSpace(_pxr("Gf").ColorSpaceNames.LinearAP1)
     dome.CreateTextureFormatAttr(lux.Tokens.latlong)
     dome.CreateIntensityAttr(1.0)
     dome.AddRotateYOp().Set(_DOME_TURN)

@@ -9,11 +9,12 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
+from lightprobe.core.config.export import ColorSpace
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import write_bytes
 from lightprobe.core.muted import muted
 from lightprobe.imaging.color import straight
-from lightprobe.imaging.encodings import LINEAR, matrix_to_srgb
+from lightprobe.imaging.encodings import LINEAR, matrix_to_srgb, primaries_matrix
 from lightprobe.imaging.limits import MAX_PIXELS, check_pixels
 from lightprobe.imaging.opening import Header, Samples, signature
 from lightprobe.imaging.radiance import radiance_size, read_radiance
@@ -25,6 +26,7 @@ _BEAUTY = frozenset(
 _CHANNELS = {"r": "R", "red": "R", "g": "G", "green": "G", "b": "B", "blue": "B", "a": "A", "alpha": "A"}
 _BYTES = 4.0  # of a sample at most
 _MOST_BYTES = 4 * _BYTES * MAX_PIXELS  # that are decoded of a file: every channel of all its parts is
+_AP1_XY = ((0.713, 0.293), (0.165, 0.830), (0.128, 0.044), (0.32168, 0.33767))  # ACEScg's (S-2014-004)
 _DAMAGED = (RuntimeError, ValueError, LookupError, TypeError)
 _KEPT = 16.0  # bytes of a pixel that are kept of a photo: four floats
 _LARGEST_HALF = 65504.0  # largest finite 16-bit float
@@ -63,18 +65,24 @@ def decode(path: Path) -> Samples:
     return Samples(straight(read_hdr(path)), LINEAR)
 
 
-def write_exr(path: Path, array: np.ndarray, *, half: bool = False) -> None:
+def write_exr(
+    path: Path, array: np.ndarray, *, half: bool = False, color_space: ColorSpace = ColorSpace.SRGB
+) -> None:
     """Write `array` (H, W), (H, W, 1 | 3 | 4) as ZIP-compressed EXR (Y, RGB or RGBA), atomically.
 
-    `half` stores 16-bit floats, with values clipped to their range instead of becoming infinite.
+    `half` stores 16-bit floats, with values clipped to their range instead of becoming infinite. color_space: into
+    which (H, W, 3) is converted from linear sRGB, its white adapted (Bradford).
     """
     planes = np.asarray(array, np.float32)
     planes = planes[..., None] if planes.ndim == 2 else planes
+    header: dict = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    if color_space is ColorSpace.ACESCG:
+        planes = planes @ np.linalg.inv(primaries_matrix(*_AP1_XY)).T.astype(np.float32)
+        header["chromaticities"] = tuple(np.ravel(_AP1_XY).tolist())
     names = {1: "Y", 3: "RGB", 4: "RGBA"}[planes.shape[2]]
     if half:
         planes = np.clip(planes, -_LARGEST_HALF, _LARGEST_HALF).astype(np.float16)
     channels = {name: np.ascontiguousarray(planes[..., k]) for k, name in enumerate(names)}
-    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     # Encoding to memory leaves the writing, and its errors, to the one place that handles them.
     buffer = io.BytesIO()
     OpenEXR.File(header, channels).write(buffer)

@@ -11,6 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from lightprobe.core.config.export import ColorSpace
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_hdr
 from lightprobe.light import cubemap, equirect
@@ -98,9 +99,14 @@ class Environment:
         """Return the map as notebooks show it: exposed, highlights bent."""
         return png(displayed(self.panorama()))
 
-    def save(self, path: Path | str, height: int | None = None) -> None:
-        """Write an equirectangular .exr or .hdr of 2R rows or `height`; `ConfigError` for another suffix."""
-        write_map(Path(path), self.panorama(height))
+    def save(
+        self, path: Path | str, height: int | None = None, color_space: ColorSpace = ColorSpace.SRGB
+    ) -> None:
+        """Write an equirectangular .exr or .hdr of 2R rows or `height`; `ConfigError` for another suffix.
+
+        color_space: as in `write_map`.
+        """
+        write_map(Path(path), self.panorama(height), color_space)
 
 
 def read_map(path: Path) -> np.ndarray:

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from torch import Tensor
 
+from lightprobe.core.config.export import ColorSpace
 from lightprobe.core.errors import ConfigError, ConvergenceError, InputError
 from lightprobe.core.files import read_json, remove, write_json
 from lightprobe.imaging import write_exr, write_radiance
@@ -77,8 +78,10 @@ def panorama(cube: Tensor) -> np.ndarray:
     return equirect.from_cubemap(cube, 2 * cube.shape[1]).detach().cpu().numpy()
 
 
-def write_map(path: Path, image: np.ndarray) -> None:
+def write_map(path: Path, image: np.ndarray, color_space: ColorSpace = ColorSpace.SRGB) -> None:
     """Write an equirectangular map (H, 2H, C); the suffix chooses OpenEXR or Radiance HDR.
+
+    color_space: of the OpenEXR file, which names it. Radiance has no name for it and is always linear sRGB.
 
     The .light.json of an older map is dropped first, as its suns are not the new map's. Raises `ConfigError` for
     any other suffix, `ConvergenceError` for NaN or infinity, which no other program reads.
@@ -87,7 +90,10 @@ def write_map(path: Path, image: np.ndarray) -> None:
     if not np.isfinite(image).all():
         raise ConvergenceError(f"The light for {path} holds NaN or infinity; it is not written. Train anew.")
     _forget_record(path)
-    (write_exr if path.suffix.lower() == ".exr" else write_radiance)(path, image)
+    if path.suffix.lower() == ".exr":
+        write_exr(path, image, color_space=color_space)
+    else:
+        write_radiance(path, image)
 
 
 def plane(values: Tensor) -> np.ndarray:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from lightprobe.core.config.export import ExportOptions
 from lightprobe.core.config.prediction import Sun
 from lightprobe.core.config.rendering import FAST_PICTURES, RenderConfig
 from lightprobe.core.device import resolve_device
@@ -23,6 +24,7 @@ from lightprobe.scene import read_camera
 from lightprobe.scene.camera import Similarity
 from lightprobe.scene.record import read_record
 
+_USUAL = ExportOptions()
 _LARGEST_SIDE = 8192  # pixels of a picture's edge
 _PLACED = 1e-4  # of the object's radius: a place in 32 bits that is rounded by more is told of
 
@@ -96,8 +98,7 @@ def export_run(
     *,
     environment: Path | None = None,
     sun: Sun = Sun.SEPARATE,
-    height: int | None = None,
-    usd: bool = False,
+    options: ExportOptions = _USUAL,
     device: str | torch.device = "auto",
 ) -> list[Path]:
     """Write mesh.glb, its textures and the training photos' lights into a new or empty folder; return the
@@ -105,20 +106,20 @@ def export_run(
 
     Blender's add-on that imports them, lightprobe_import.py, is among them.
     The first is the mesh. environment: a map to write, too, with scene.glb, the mesh and the map's suns and
-    lamps (`jobs.light_files`), unless `sun` leaves them inside the map. height, usd: as in
-    `export.bundle.export`. Raises `InputError` for a run or map that cannot be used, `ConfigError` for a
-    folder with files.
+    lamps (`jobs.light_files`), unless `sun` leaves them inside the map. Raises `InputError` for a run or map that
+    cannot be used, `ConfigError` for a folder with files and for options about a file that is not written.
     """
     run = RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
-    if usd:
+    options.check(environment is not None)
+    if options.usd:
         check_usd()
     light = None if environment is None else scene_light(environment, sun)
     decomposition = Decomposition.load(run, resolve_device(device))
     if environment is not None:
         tell_of_scale(environment, decomposition.calibration)
     with filled_folder(output) as files:
-        written = export(decomposition, files, decomposition.lights, light=light, height=height, usd=usd)
+        written = export(decomposition, files, decomposition.lights, light=light, options=options)
         written.append(write_addon(files))
         _tell_of_place(decomposition.similarity)
         return [output / path.relative_to(files) for path in written]

@@ -12,6 +12,7 @@ Nothing needs a turn: mesh and map are in the frame of the photos' cameras, z up
 
 import json
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +36,9 @@ _OWN = "lightprobe_lamps"  # property of such a collection, which users may rena
 _FORMAT, _VERSION = "lightprobe light", 1  # of a .light.json
 _MAPS = (".exr", ".hdr")
 _LARGEST_JSON = 2**24  # bytes
+_LARGEST_HEADER = 2**14  # bytes of an OpenEXR file in which its primaries are looked for
+_PRIMARIES = b"chromaticities\0chromaticities\0"  # name and type of the attribute
+_AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)  # ACEScg's
 _MOST_LAMPS = 64  # that a file may bring; lightprobe writes at most eight
 
 
@@ -85,12 +89,24 @@ def set_world(path: Path) -> None:
     background, output = nodes.new("ShaderNodeBackground"), nodes.new("ShaderNodeOutputWorld")
     texture.image = bpy.data.images.load(str(path), check_existing=True)
     texture.image.reload()  # the file may have been written anew
+    if _is_acescg(path):
+        texture.image.colorspace_settings.name = "ACEScg"  # Blender does not look at a file's primaries
     texture.projection, texture.interpolation = "EQUIRECTANGULAR", "Linear"
     links.new(texture.outputs["Color"], background.inputs["Color"])
     links.new(background.outputs["Background"], output.inputs["Surface"])
     for x, node in enumerate((texture, background, output)):
         node.location = (300 * x, 0)
     bpy.context.scene.world = world
+
+
+def _is_acescg(path: Path) -> bool:
+    """Return whether a map is an OpenEXR file that names ACEScg's primaries."""
+    with path.open("rb") as file:
+        head = file.read(_LARGEST_HEADER)
+    place = head.find(_PRIMARIES) + len(_PRIMARIES) + 4  # bytes: of its size
+    if path.suffix.lower() != ".exr" or _PRIMARIES not in head or len(head) < place + 32:
+        return False
+    return all(abs(a - b) < 0.002 for a, b in zip(struct.unpack_from("<8f", head, place), _AP1, strict=True))
 
 
 def lamps_beside(path: Path) -> list[dict[str, Any]]:
