@@ -11,7 +11,8 @@ ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PACKAGES = sorted(path.parent.name for path in (ROOT / "src" / "lightprobe").glob("*/__init__.py"))
 NAME = re.compile(rf"`(?:lightprobe\.)?((?:{'|'.join(PACKAGES)})\.[A-Za-z_][\w.]*?)(?:\(\))?`")
-FILES = tuple(".json .py .md .exr .glb .png .jpg .txt .hdr .mtlx .safetensors .usdc .usdz".split())
+PICTURES = (".exr", ".hdr", ".png", ".jpg")
+FILES = (*PICTURES, ".json", ".py", ".md", ".glb", ".txt", ".mtlx", ".safetensors", ".usdc", ".usdz")
 
 
 def page_id(page: Path) -> str:

@@ -111,6 +111,9 @@ def export(
     dome: Annotated[
         Dome, option(metavar="DomeLight|DomeLight_1", help="USD's schema of the light from all around.")
     ] = Dome.TURNED,
+    materialx: Annotated[
+        FlagCreatePairsOff[bool], option(help="Also write material.mtlx (OpenPBR).")
+    ] = False,
     device: Device = "auto",
 ) -> None:
     """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and
@@ -118,7 +121,7 @@ def export(
 
     With --env also that light as light.exr and light.hdr, and scene.glb: the mesh with the light's suns and
     lamps (KHR_lights_punctual), which the maps then do not have; --sun inside leaves them there. --usd needs
-    the extra usd.
+    the extra usd, --materialx the extra materialx.
 
     Examples:
       lightprobe export runs/cup -o cup_files
@@ -126,7 +129,7 @@ def export(
       lightprobe export runs/cup -o cup_files --env light.exr --color-space acescg
     """
     height = None if size is None else map_height(size)
-    options = ExportOptions(height, color_space, usd, dome)
+    options = ExportOptions(height, color_space, usd, dome, materialx)
     written = export_run(run, output, environment=env, sun=sun, options=options, device=device)
     say(
         f"{len(written)} files in {output}; mesh: {written[0]}", folder=output, mesh=written[0], files=written

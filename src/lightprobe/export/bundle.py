@@ -13,6 +13,7 @@ from lightprobe.core.run import RunFolder
 from lightprobe.export.glb import DirectionalLight, GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
 from lightprobe.export.light_file import write_sources
+from lightprobe.export.materialx import check_materialx, write_materialx
 from lightprobe.export.pictures import NAMES, write_pictures
 from lightprobe.export.ultra_hdr import write_ultra_hdr
 from lightprobe.export.usd import check_usd, write_usd
@@ -68,12 +69,11 @@ def export(
     mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
     `light`, also light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh
     with the lamps.
-    As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one. Raises `ConfigError` when USD's
-    library is missing, before anything is written.
+    As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one; material.mtlx is the material as
+    MaterialX. Raises `ConfigError` when the library of either is missing, before anything is written.
     """
     height, space = options.height, options.color_space
-    if options.usd:
-        check_usd()
+    check_libraries(options)
     env, suffixes = folder / "env", (".exr", ".hdr")
     maps = {named_file(env, name, suffix): name for name in environments for suffix in suffixes}
     mesh, pictures = write_mesh(decomposition.asset, decomposition.similarity, folder / "mesh.glb")
@@ -92,9 +92,19 @@ def export(
         write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
         names = "light.exr", "light.hdr", "light.jpg", "light.light.json", "scene.glb"
         written += [folder / name for name in names]
+    if options.materialx:
+        written.append(write_materialx(folder))
     if options.usd:
         written += write_usd(folder, mesh, None if light is None else folder / "light.exr", lamps, options)
     return written
+
+
+def check_libraries(options: ExportOptions) -> None:
+    """Raise `ConfigError` naming the extra when a library that the options need is missing."""
+    if options.usd:
+        check_usd()
+    if options.materialx:
+        check_materialx()
 
 
 def write_addon(folder: Path) -> Path:

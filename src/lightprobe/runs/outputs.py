@@ -15,8 +15,7 @@ from lightprobe.core.files import filled_folder, holds_files, named_file, refuse
 from lightprobe.core.run import RunFolder
 from lightprobe.evaluation import Relighter, relight, turntable
 from lightprobe.export import export, write_picture
-from lightprobe.export.bundle import write_addon
-from lightprobe.export.usd import check_usd
+from lightprobe.export.bundle import check_libraries, write_addon
 from lightprobe.jobs.light_files import scene_light, tell_of_scale, whole_light
 from lightprobe.models import Decomposition
 from lightprobe.runs.progress import OnProgress, silent
@@ -112,8 +111,7 @@ def export_run(
     run = RunFolder.open(Path(run_folder))
     _refuse_mixing(output)
     options.check(environment is not None)
-    if options.usd:
-        check_usd()
+    check_libraries(options)
     light = None if environment is None else scene_light(environment, sun)
     decomposition = Decomposition.load(run, resolve_device(device))
     if environment is not None:

@@ -36,6 +36,8 @@ class ExportOptions:
     """Also scene.usdc and scene.usdz."""
     dome: Dome = Dome.TURNED
     """Schema of the light in these."""
+    materialx: bool = False
+    """Also material.mtlx."""
 
     def check(self, light: bool) -> None:
         """Raise `ConfigError` for a choice about a file that is not written; light: whether there is one."""
