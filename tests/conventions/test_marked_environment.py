@@ -4,12 +4,17 @@ The look-ups of Blender and three.js are written here from their own documentati
 """
 
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
+import OpenEXR
 import pytest
 import torch
 
+from lightprobe.core.config.export import ColorSpace
 from lightprobe.export import write_mesh
+from lightprobe.export.ultra_hdr import write_ultra_hdr
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import read_hdr
@@ -18,6 +23,9 @@ from lightprobe.render.asset import Asset
 from tests.export.glb_reader import Glb
 from tests.marked_light import COLORS, SIMILARITY, marked_cubemap
 from tests.shapes import sphere_mesh
+
+# From linear sRGB, as ACES' own configuration of OpenColorIO has it
+TO_ACESCG = [[0.613097, 0.339523, 0.047379], [0.070194, 0.916354, 0.013452], [0.020616, 0.109570, 0.869815]]
 
 
 def blender_lookup(image: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -48,11 +56,41 @@ def blender_import(position: np.ndarray) -> np.ndarray:
     return np.array([position[0], -position[2], position[1]])
 
 
-@pytest.fixture(scope="module", params=[".exr", ".hdr"])
-def environment_file(request, tmp_path_factory):
-    path = tmp_path_factory.mktemp("env") / f"marked{request.param}"
-    Environment(marked_cubemap()).save(path)
-    return path
+def read_exr(path: Path) -> np.ndarray:
+    """Return what OpenEXR's library reads, in linear sRGB."""
+    file = OpenEXR.File(str(path))
+    pixels = file.channels()["RGB"].pixels
+    return pixels @ np.linalg.inv(TO_ACESCG).T if "chromaticities" in file.header() else pixels
+
+
+def read_ultra_hdr(path: Path) -> np.ndarray:
+    """Return what libultrahdr reads."""
+    codecs = pytest.importorskip("imagecodecs")
+    return codecs.ultrahdr_decode(path.read_bytes(), dtype="float16")[..., :3].astype(np.float32)
+
+
+@pytest.fixture(scope="module")
+def environment_files(tmp_path_factory) -> Path:
+    folder, light = tmp_path_factory.mktemp("env"), Environment(marked_cubemap())
+    light.save(folder / "marked.exr")
+    light.save(folder / "marked.hdr")
+    light.save(folder / "acescg.exr", color_space=ColorSpace.ACESCG)
+    write_ultra_hdr(folder / "marked.jpg", light.panorama(64))
+    return folder
+
+
+@pytest.fixture(scope="module", params=["marked.exr", "marked.hdr", "acescg.exr", "marked.jpg"])
+def written(request, environment_files) -> Callable[[np.ndarray, np.ndarray], None]:
+    """Return a check that the map has a colour where a program looks it up."""
+    path = environment_files / request.param
+    readers = {".exr": read_exr, ".jpg": read_ultra_hdr, ".hdr": read_hdr}
+    image = readers[path.suffix](path)
+    close = 0.02 if path.suffix == ".jpg" else 1e-4
+
+    def check(lookup: Callable, direction: np.ndarray, color: tuple[float, ...]) -> None:
+        assert lookup(image, direction) == pytest.approx(color, rel=close)
+
+    return check
 
 
 @pytest.fixture(scope="module")
@@ -77,39 +115,34 @@ def glb_directions(tmp_path_factory):
 
 
 @pytest.mark.parametrize("axis", COLORS)
-def test_blender_sees_each_colour_where_it_belongs(environment_file, axis):
-    found = blender_lookup(read_hdr(environment_file), np.array(axis, float))
-    assert found == pytest.approx(COLORS[axis], rel=1e-4)
+def test_blender_sees_each_colour_where_it_belongs(written, axis):
+    written(blender_lookup, np.array(axis, float), COLORS[axis])
 
 
-def test_blender_lights_the_imported_mesh_from_the_right_sides(environment_file, glb_directions):
-    image = read_hdr(environment_file)
+def test_blender_lights_the_imported_mesh_from_the_right_sides(written, glb_directions):
     for spike in glb_directions:
         world = blender_import(spike)
         axis = tuple(int(v) for v in world.round())
-        assert blender_lookup(image, world) == pytest.approx(COLORS[axis], rel=1e-4)
+        written(blender_lookup, world, COLORS[axis])
 
 
-def test_three_js_lights_the_imported_mesh_from_the_right_sides(environment_file, glb_directions):
-    image = read_hdr(environment_file)
+def test_three_js_lights_the_imported_mesh_from_the_right_sides(written, glb_directions):
     for spike in glb_directions:
         axis = tuple(int(v) for v in blender_import(spike).round())
-        assert three_lookup(image, spike / np.linalg.norm(spike)) == pytest.approx(COLORS[axis], rel=1e-4)
+        written(three_lookup, spike / np.linalg.norm(spike), COLORS[axis])
 
 
-def test_between_the_axes_nothing_is_mirrored(environment_file):
+def test_between_the_axes_nothing_is_mirrored(written):
     """Off-axis directions tell a mirrored or turned map from a right one where the axes alone may not."""
-    image = read_hdr(environment_file)
     for x, y, z in ((0.8, 0.3, 0.1), (0.3, 0.8, -0.2), (-0.7, -0.4, 0.3), (0.1, -0.8, 0.3), (0.2, 0.3, 0.9)):
         direction = np.array([x, y, z]) / math.hypot(x, y, z)
         axis = max(COLORS, key=lambda a: float(np.dot(a, direction)))
-        assert blender_lookup(image, direction) == pytest.approx(COLORS[axis], rel=1e-4)
-        assert three_lookup(image, np.array([direction[0], direction[2], -direction[1]])) == pytest.approx(
-            COLORS[axis], rel=1e-4
-        )
+        written(blender_lookup, direction, COLORS[axis])
+        written(three_lookup, np.array([direction[0], direction[2], -direction[1]]), COLORS[axis])
 
 
-def test_the_map_reads_back_as_the_light_it_was(environment_file):
-    again = Environment.load(environment_file, resolution=16).texels
+@pytest.mark.parametrize("name", ["marked.exr", "marked.hdr", "acescg.exr"])
+def test_the_map_reads_back_as_the_light_it_was(environment_files, name):
+    again = Environment.load(environment_files / name, resolution=16).texels
     interior = again.reshape(6, 16, 16, 3)[:, 4:12, 4:12]
     assert torch.allclose(interior, marked_cubemap()[:, 4:12, 4:12], rtol=1e-3)
