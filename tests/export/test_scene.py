@@ -73,7 +73,7 @@ def test_a_light_file_whose_map_is_none_is_refused(tmp_path, told):
 def test_the_glb_has_a_node_for_each_lamp(folder):
     document = Glb((folder / "scene.glb").read_bytes()).document
     lights = document["extensions"]["KHR_lights_punctual"]["lights"]
-    assert document["extensionsUsed"] == ["KHR_lights_punctual"]
+    assert document["extensionsUsed"] == ["KHR_lights_punctual", "EXT_lights_image_based"]
     assert [light["type"] for light in lights] == ["directional"] * 2
     assert np.multiply(lights[0]["color"], lights[0]["intensity"]) == pytest.approx(LAMPS[0].irradiance)
     nodes = [document["nodes"][k] for k in document["scenes"][0]["nodes"]]

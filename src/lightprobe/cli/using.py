@@ -119,9 +119,10 @@ def export(
     """Write mesh.glb, its textures and the training photos' lights as EXR and HDR, for Blender, three.js and
     others.
 
-    With --env also that light as light.exr and light.hdr, and scene.glb: the mesh with the light's suns and
-    lamps (KHR_lights_punctual), which the maps then do not have; --sun inside leaves them there. --usd needs
-    the extra usd, --materialx the extra materialx.
+    With --env also that light as light.exr, light.hdr and light.jpg (Ultra HDR, for web pages), and scene.glb: the
+    mesh with the light's suns and lamps (KHR_lights_punctual), which the maps then do not have, and with the map
+    (EXT_lights_image_based); --sun inside leaves suns and lamps in the maps. --usd needs the extra usd, --materialx
+    the extra materialx.
 
     Examples:
       lightprobe export runs/cup -o cup_files

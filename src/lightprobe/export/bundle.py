@@ -12,6 +12,7 @@ from lightprobe.core.files import named_file, write_bytes
 from lightprobe.core.run import RunFolder
 from lightprobe.export.glb import DirectionalLight, GltfPictures, write_glb
 from lightprobe.export.gltf_mesh import GltfMesh, gltf_mesh
+from lightprobe.export.image_based_light import ImageBasedLight
 from lightprobe.export.light_file import write_sources
 from lightprobe.export.materialx import check_materialx, write_materialx
 from lightprobe.export.pictures import NAMES, write_pictures
@@ -68,7 +69,7 @@ def export(
 
     mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
     `light`, also light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh
-    with the lamps.
+    with the lamps and the map.
     As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one; material.mtlx is the material as
     MaterialX. Raises `ConfigError` when the library of either is missing, before anything is written.
     """
@@ -89,7 +90,8 @@ def export(
         sun = Sun.SEPARATE if light.lamps else Sun.INSIDE
         write_ultra_hdr(folder / "light.jpg", image)
         write_sources(folder / "light.exr", len(image), light.lamps or light.inside, sun, ["light.hdr"])
-        write_glb(folder / "scene.glb", mesh, pictures, lights=lamps)
+        environment = ImageBasedLight.of(image)
+        write_glb(folder / "scene.glb", mesh, pictures, lights=lamps, environment=environment)
         names = "light.exr", "light.hdr", "light.jpg", "light.light.json", "scene.glb"
         written += [folder / name for name in names]
     if options.materialx:

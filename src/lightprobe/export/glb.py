@@ -1,4 +1,5 @@
-"""A binary glTF 2.0 file with one textured object, and directional lights (KHR_lights_punctual).
+"""A binary glTF 2.0 file with one textured object, and its light: lamps (KHR_lights_punctual) and all the rest
+(EXT_lights_image_based).
 
 Layout: a 12-byte header, a JSON chunk padded with spaces and a binary chunk padded with zeros, each to four
 bytes; every array and picture starts at a multiple of four (glTF 2.0, sections 3.6 and 4.4).
@@ -16,11 +17,12 @@ import numpy as np
 
 from lightprobe.core.files import write_bytes
 from lightprobe.export.gltf_mesh import GltfMesh, to_y_up
+from lightprobe.export.image_based_light import SIDE, ImageBasedLight
 from lightprobe.light.sources import LightSource
 
 _FLOAT, _UINT = 5126, 5125  # component types of glTF 2.0
 _ARRAY_BUFFER, _ELEMENT_ARRAY_BUFFER = 34962, 34963  # targets of buffer views
-_LIGHTS = "KHR_lights_punctual"
+_LIGHTS, _ENVIRONMENTS = "KHR_lights_punctual", "EXT_lights_image_based"
 _SAMPLER = {"magFilter": 9729, "minFilter": 9987, "wrapS": 33071, "wrapT": 33071}  # trilinear, clamped
 
 
@@ -99,16 +101,25 @@ class _Binary:
 
 
 def write_glb(
-    path: Path, mesh: GltfMesh, pictures: GltfPictures, lights: Sequence[DirectionalLight] = ()
+    path: Path,
+    mesh: GltfMesh,
+    pictures: GltfPictures,
+    lights: Sequence[DirectionalLight] = (),
+    environment: ImageBasedLight | None = None,
 ) -> None:
     """Write the object as a GLB file, atomically; raise `ResourceError` when the disk refuses."""
-    write_bytes(path, encode_glb(mesh, pictures, lights=lights))
+    write_bytes(path, encode_glb(mesh, pictures, lights=lights, environment=environment))
 
 
 def encode_glb(
-    mesh: GltfMesh, pictures: GltfPictures, *, name: str = "object", lights: Sequence[DirectionalLight] = ()
+    mesh: GltfMesh,
+    pictures: GltfPictures,
+    *,
+    name: str = "object",
+    lights: Sequence[DirectionalLight] = (),
+    environment: ImageBasedLight | None = None,
 ) -> bytes:
-    """Return the bytes of a GLB file with one mesh of one material, and a node for each light."""
+    """Return the bytes of a GLB file with one mesh of one material, a node for each lamp, and the environment."""
     binary = _Binary()
     attributes = {
         "POSITION": binary.array(mesh.positions, "VEC3", bounds=True),
@@ -121,6 +132,9 @@ def encode_glb(
         {"bufferView": binary.view(png), "mimeType": "image/png", "name": key}
         for key, png in vars(pictures).items()
     ]
+    around = None
+    if environment is not None:
+        around = _environment(environment, binary, images)
     binary.data.extend(bytes(-len(binary.data) % 4))
     material = {
         "name": name,
@@ -128,27 +142,52 @@ def encode_glb(
         "normalTexture": {"index": 2},
         "occlusionTexture": {"index": 1},
     }
-    document = {
+    document: dict[str, Any] = {
         "asset": {"version": "2.0", "generator": "lightprobe"},
         "scene": 0,
         "scenes": [{"nodes": [0]}],
         "nodes": [{"mesh": 0, "name": name, "translation": mesh.origin.tolist()}],
         "meshes": [{"primitives": [primitive], "name": name}],
         "materials": [material],
-        "textures": [{"source": i, "sampler": 0} for i in range(len(images))],
+        "textures": [{"source": i, "sampler": 0} for i in range(len(vars(pictures)))],
         "samplers": [_SAMPLER],
         "images": images,
         "accessors": binary.accessors,
         "bufferViews": binary.views,
         "buffers": [{"byteLength": len(binary.data)}],
     }
-    return _container(_with_lights(document, lights), bytes(binary.data))
+    if lights:
+        _add_lights(document, lights)
+    if around is not None:
+        _extend(document, _ENVIRONMENTS, {"lights": [around]})
+        document["scenes"][0]["extensions"] = {_ENVIRONMENTS: {"light": 0}}
+    return _container(document, bytes(binary.data))
 
 
-def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -> dict[str, Any]:
-    """Return the document of one node with directional lights in nodes of their own."""
-    if not lights:
-        return document
+def _environment(light: ImageBasedLight, binary: _Binary, images: list[dict[str, Any]]) -> dict[str, Any]:
+    """Append the faces of a light to the binary chunk and to `images`, and return the light's entry."""
+    first = len(images)
+    for level, faces in enumerate(light.faces):
+        for face, png in zip(("px", "nx", "py", "ny", "pz", "nz"), faces, strict=True):
+            name = f"environment_{level}_{face}"
+            images.append({"bufferView": binary.view(png), "mimeType": "image/png", "name": name})
+    return {
+        "name": "environment",
+        "intensity": light.intensity,
+        "irradianceCoefficients": light.irradiance,
+        "specularImageSize": SIDE,
+        "specularImages": [list(range(k, k + 6)) for k in range(first, len(images), 6)],
+    }
+
+
+def _extend(document: dict[str, Any], name: str, content: dict[str, Any]) -> None:
+    """Add an extension to a document, which programs that do not know it may ignore."""
+    document.setdefault("extensionsUsed", []).append(name)
+    document.setdefault("extensions", {})[name] = content
+
+
+def _add_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -> None:
+    """Add directional lights to the document of one node, in nodes of their own."""
     named = [(f"sun_{k + 1}", light) for k, light in enumerate(lights)]
     punctual = [
         {"type": "directional", "name": each, "color": list(light.color), "intensity": light.intensity}
@@ -158,12 +197,9 @@ def _with_lights(document: dict[str, Any], lights: Sequence[DirectionalLight]) -
         {"name": name, "rotation": list(light.quaternion()), "extensions": {_LIGHTS: {"light": k}}}
         for k, (name, light) in enumerate(named)
     ]
-    return document | {
-        "extensionsUsed": [_LIGHTS],
-        "extensions": {_LIGHTS: {"lights": punctual}},
-        "nodes": [*document["nodes"], *nodes],
-        "scenes": [{"nodes": list(range(1 + len(nodes)))}],
-    }
+    _extend(document, _LIGHTS, {"lights": punctual})
+    document["nodes"] += nodes
+    document["scenes"] = [{"nodes": list(range(1 + len(nodes)))}]
 
 
 def _container(document: dict[str, Any], binary: bytes) -> bytes:

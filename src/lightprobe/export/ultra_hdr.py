@@ -47,7 +47,7 @@ def write_ultra_hdr(path: Path, image: np.ndarray) -> None:
     if cut > 0:
         share = 100 * cut / image.sum(dtype=np.float64)
         warnings.warn(
-            f"{path.name} holds radiance up to {BRIGHTEST:g} and the map has up to {image.max():.3g}: {share:.2g} % of "
+            f"{path.name} holds radiance up to {BRIGHTEST:g} and the map has up to {image.max():.3g}: {share:.3g} % of "
             f"its light are cut off there; {path.stem}.exr has all of it.",
             LightprobeWarning,
             stacklevel=3,
