@@ -67,7 +67,8 @@ def test_export_with_a_light_has_its_lamps_beside_the_map_or_in_it(trained, tmp_
     succeed(
         "export", run.path, "-o", tmp_path / "inside", "--env", tmp_path / "studio.exr", "--sun", "inside"
     )
-    assert "extensions" not in Glb((tmp_path / "inside/scene.glb").read_bytes()).document
+    inside = Glb((tmp_path / "inside/scene.glb").read_bytes()).document
+    assert inside["extensionsUsed"] == ["EXT_lights_image_based"]
     assert np.array_equal(read_hdr(tmp_path / "inside/light.exr"), light)
 
 

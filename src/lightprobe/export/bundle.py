@@ -67,11 +67,10 @@ def export(
 ) -> list[Path]:
     """Write the object and its lights for other programs; return the files written, mesh.glb first.
 
-    mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a
-    `light`, also light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh
-    with the lamps and the map.
-    As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one; material.mtlx is the material as
-    MaterialX. Raises `ConfigError` when the library of either is missing, before anything is written.
+    mesh.glb and its textures, and each of `environments`, by photo, as EXR and HDR under env/. With a `light`, also
+    light.exr, light.hdr, light.jpg (Ultra HDR), its lamps in light.light.json, and scene.glb, the mesh with the lamps
+    and the map. As USD, scene.usdc and scene.usdz hold the mesh with the light, if there is one; material.mtlx is the
+    material as MaterialX. Raises `ConfigError` when the library of either is missing, before anything is written.
     """
     height, space = options.height, options.color_space
     check_libraries(options)
