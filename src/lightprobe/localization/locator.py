@@ -26,7 +26,7 @@ from lightprobe.localization.views import KnownViews
 from lightprobe.models import Decomposition
 from lightprobe.scene import load_scene
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.consistency import look_inverted, overlap
+from lightprobe.scene.consistency import looks_inverted, overlap
 from lightprobe.scene.masks import mask_turn
 from lightprobe.scene.overlay import HULL_COLOR
 from lightprobe.scene.photo import Pixels
@@ -171,7 +171,7 @@ class Locator:
 
     def _is_inverted(self, mask: np.ndarray, camera: Camera) -> bool:
         """Tell whether a mask (H, W) that fills the photo's rim leaves out the object."""
-        if not look_inverted([mask]):
+        if not looks_inverted(mask):
             return False
         shape = self._known.silhouette(camera.resized(mask.shape[1], mask.shape[0])) >= 0.5
         return overlap(mask < 0.5, shape) > overlap(mask >= 0.5, shape)

@@ -94,7 +94,7 @@ def _written(
     folder: Path, output: Path, restart: bool, on_progress: OnProgress
 ) -> Iterator[tuple[RunFolder, Scene]]:
     """Hold the run at `output` for writing; yield it and the scene in `folder`, or that made of its plain photos."""
-    scene = None if is_plain(folder) else load_scene(folder)
+    scene = None if is_plain(folder) else load_scene(folder, check=True)
     run = RunFolder.create(output)
     with writing(run):
         if restart:

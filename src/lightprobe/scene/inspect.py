@@ -7,27 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from lightprobe.core.errors import InputError, printable
+from lightprobe.core.errors import printable
 from lightprobe.imaging import srgb_encode
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import (
-    better_turn,
-    diagnose,
-    fitted_hull,
-    look_inverted,
-    overlap,
-    silhouette,
-)
+from lightprobe.scene.consistency import overlap
 from lightprobe.scene.findings import converted_encodings, encoding_sentences, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
-from lightprobe.scene.loading import Reading, in_parallel, read_folder, unposed_images
+from lightprobe.scene.loading import THUMBNAIL, Reading, in_parallel, judged, read_folder, unposed_sentences
 from lightprobe.scene.masks import without_background
-from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity
 from lightprobe.scene.pixels import load_thumbnail
-
-_SIDE = 192  # longer side of the thumbnails everything is measured on
-_RESOLUTION = 128  # voxels along an edge of the hull that masks are compared with
-_LOW_MEDIAN, _FAR_BELOW_MEDIAN, _CLEARLY_BETTER = 0.75, 0.2, 0.1  # IoU
 
 
 @dataclass(frozen=True)
@@ -109,15 +97,16 @@ def inspect(path: Path) -> Inspection:
     every = [photo for _, photo in reading.all_photos()]
     problems.messages += encoding_sentences(every)
     problems.messages += [sentence] if (sentence := without_background(alphas)[1]) else []
-    similarity, photos = _carve(reading, photos, alphas, problems)
+    found = judged(reading, alphas)
+    shown = tuple(replace(photo, silhouette=found.silhouettes.get(photo.name)) for photo in photos)
     together = Counter(photo.light_group for photo in every if photo.light_group is not None)
     return Inspection(
         reading.root,
         reading.format,
-        photos,
-        similarity,
-        tuple(problems.messages),
-        tuple(_hints(reading, photos, alphas)),
+        shown,
+        found.similarity,
+        (*problems.messages, *found.refusals),
+        (*unposed_sentences(reading), *found.doubts),
         converted_encodings(photo.encoding for photo in every),
         tuple(path for photo in every for path in (photo.image_path, photo.mask_path) if path is not None),
         tuple(count for count in together.values() if count > 1),
@@ -129,7 +118,7 @@ def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, .
     splits = {photo.name: split for split, photo in reading.all_photos()}
     reports, alphas = [], {}
     every = [photo for _, photo in reading.all_photos()]
-    for photo, result in in_parallel(lambda photo: load_thumbnail(photo, _SIDE), every):
+    for photo, result in in_parallel(lambda photo: load_thumbnail(photo, THUMBNAIL), every):
         with problems.guard():
             color, alpha = result()
             picture = np.clip(srgb_encode(color) * 255 + 0.5, 0, 255).astype(np.uint8)
@@ -137,83 +126,6 @@ def _measure(reading: Reading, problems: Problems) -> tuple[tuple[PhotoReport, .
             size, split = (photo.camera.width, photo.camera.height), splits[photo.name]
             reports.append(PhotoReport(photo.name, split, *size, photo.ev100, picture, alpha >= 0.5))
     return tuple(reports), alphas
-
-
-def _carve(
-    reading: Reading, reports: tuple[PhotoReport, ...], alphas: dict[str, np.ndarray], problems: Problems
-) -> tuple[Similarity | None, tuple[PhotoReport, ...]]:
-    """Carve the hull from the training photos and add its silhouette to every report.
-
-    When that agrees badly, a hull that lets many photos disagree may show which of them are to blame.
-    """
-    train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
-    cameras, masks = [photo.camera for photo in train], [alphas[photo.name] for photo in train]
-    by_name = {photo.name: photo.camera for _, photo in reading.all_photos()}
-
-    def carve(agreement: float | None) -> tuple[Similarity, tuple[PhotoReport, ...]]:
-        similarity = find_similarity(cameras, masks, agreement=agreement)
-        hull = fitted_hull(cameras, masks, similarity, _RESOLUTION, agreement=agreement)
-        pictures = (silhouette(hull, by_name[r.name], similarity, r.mask.shape) for r in reports)
-        return similarity, tuple(replace(r, silhouette=p) for r, p in zip(reports, pictures, strict=True))
-
-    with problems.guard():
-        if len(train) < 2:
-            raise InputError(
-                f"{reading.root} has {len(train)} sound training photos; two or more are needed."
-            )
-        usual = carve(None)
-        if _median_iou(usual[1]) >= _LOW_MEDIAN:
-            return usual
-        rough = carve(ROUGH_AGREEMENT)
-        return rough if _median_iou(rough[1]) > _median_iou(usual[1]) + _CLEARLY_BETTER else usual
-    return None, reports
-
-
-def _median_iou(reports: Sequence[PhotoReport]) -> float:
-    """Return the median overlap of hull and masks, 0 where there is none."""
-    return float(np.median([report.iou or 0.0 for report in reports]))
-
-
-def _hints(reading: Reading, reports: Sequence[PhotoReport], alphas: dict[str, np.ndarray]) -> list[str]:
-    """Return suspicions: photos without cameras, conventions that fit better, photos that stand out."""
-    hints = []
-    unposed = unposed_images(reading)
-    if unposed:
-        hints.append(
-            f"{len(unposed)} photos in images/ have no camera and are left out, such as {unposed[0].name}."
-        )
-    if not reports:
-        return hints
-    if look_inverted(list(alphas.values())):
-        inverted = "The masks look inverted: they fill the rim of most photos; the object must be white."
-        return [*hints, inverted]
-    median = _median_iou(reports)
-    if median >= _LOW_MEDIAN:
-        return hints + [hint for report in reports if (hint := _outlier(report, median)) is not None]
-    train = [photo for photo in reading.photos[Split.TRAIN] if photo.name in alphas]
-    if len(train) < 2:
-        return hints
-    reason = diagnose([photo.camera for photo in train], [alphas[photo.name] for photo in train], median)
-    bad = "Masks and cameras agree badly: look at the overlay sheet for wrong poses or masks."
-    return [*hints, reason or bad]
-
-
-def _outlier(report: PhotoReport, median: float) -> str | None:
-    """Return what is suspicious about one photo of a scene whose other photos agree, or None."""
-    if report.silhouette is None or report.iou is None:
-        return None
-    turn = better_turn(report.mask, report.silhouette)
-    if turn is not None:
-        return (
-            f"{report.name}: the mask fits the other photos only when {turn[0]} (IoU {turn[1]:.2f} instead of "
-            f"{report.iou:.2f}); a mask without an EXIF orientation is turned with its photo, and a camera must be for "
-            "the photo as it is turned."
-        )
-    if report.iou >= median - _FAR_BELOW_MEDIAN:
-        return None
-    if overlap(~report.mask, report.silhouette) > report.iou + _FAR_BELOW_MEDIAN:
-        return f"{report.name}: the mask looks inverted (IoU {report.iou:.2f}); the object must be white."
-    return f"{report.name}: mask or pose disagrees with the other photos (IoU {report.iou:.2f}, median {median:.2f})."
 
 
 def _agreement(photos: Sequence[PhotoReport], mean: float) -> str:

@@ -2,11 +2,13 @@
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
+
+import numpy as np
 
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.imaging import foreign_encoding, image_size, read_exif_ev100
@@ -17,12 +19,13 @@ from lightprobe.scene.masks import MaskFolder, without_background
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
+from lightprobe.scene.soundness import Soundness, judge
 
 T = TypeVar("T")
 
 _TEST_EVERY = 16  # NeRD's rule: test photos are images[::16] of the sorted list
 _PIXELS_AT_ONCE = 2**28  # of photos that are decoded at the same time
-_THUMBNAIL = 192  # longer side of the masks the similarity is computed from
+THUMBNAIL = 192  # longer side of the pictures that a scene is judged on
 _LAYOUTS = (
     f"poses_bounds.npy with images/ and masks/ (NeRD, LLFF), {transforms.SINGLE} or {transforms.TRAIN} (Blender, "
     "nerfstudio), or a COLMAP model in sparse/0, sparse or the folder itself"
@@ -43,24 +46,29 @@ class Reading:
         return [(split, photo) for split, photos in self.photos.items() for photo in photos]
 
 
-def load_scene(path: Path) -> Scene:
+def load_scene(path: Path, *, check: bool = False) -> Scene:
     """Read the scene in folder `path`, whichever of the known layouts it has.
 
     Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing,
     damaged or contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be
-    trained on, but not well.
+    trained on, but not well. check: whether masks and cameras are compared, too, as `inspect` does, which takes
+    seconds: raises `InputError` where no object can come of them, and warns of what is doubtful.
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
     photos = [photo for _, photo in reading.all_photos()]
-    found = in_parallel(lambda photo: load_alpha(photo, _THUMBNAIL), photos)
+    found = in_parallel(lambda photo: load_alpha(photo, THUMBNAIL), photos)
     masks = {photo.name: result() for photo, result in found}
     bare, sentence = without_background(masks)
     if 2 * bare >= len(masks) > 0:  # a close-up of the object alone is possible, but not of most photos
         raise InputError(f"{reading.root}: {sentence}")
     if bare:
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
-    for sentence in encoding_sentences(photos):
+    found = judged(reading, masks) if check else None
+    if found is not None and found.refusals:
+        raise InputError(f"{reading.root} cannot be trained on. {found.refusals[0]}")
+    doubts = () if found is None else (*unposed_sentences(reading), *found.doubts)
+    for sentence in (*encoding_sentences(photos), *doubts):
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
@@ -103,6 +111,21 @@ def in_parallel(
                 yield photo, future.result
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+def judged(reading: Reading, alphas: Mapping[str, np.ndarray]) -> Soundness:
+    """Return what masks and cameras of a scene tell about each other; alphas: its small masks (h, w) by name."""
+    train = reading.photos[Split.TRAIN]
+    others = [photo for split, photo in reading.all_photos() if split is not Split.TRAIN]
+    return judge(train, others, alphas, reading.root)
+
+
+def unposed_sentences(reading: Reading) -> list[str]:
+    """Return a sentence about the photos without cameras, if there are any."""
+    left = unposed_images(reading)
+    if not left:
+        return []
+    return [f"{len(left)} photos in images/ have no camera and are left out, such as {left[0].name}."]
 
 
 def unposed_images(reading: Reading) -> list[Path]:

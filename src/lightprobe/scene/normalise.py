@@ -86,7 +86,7 @@ def first_guess(cameras: Sequence[Camera], alphas: Sequence[np.ndarray]) -> tupl
     sized = [cameras[i].resized(alphas[i].shape[1], alphas[i].shape[0]) for i in chosen]
     pixels = [np.argwhere(alphas[i] >= 0.5)[:, ::-1] + 0.5 for i in chosen]
     rays = [_direction(camera, *points.mean(axis=0)) for camera, points in zip(sized, pixels, strict=True)]
-    center = _nearest_point(np.stack([camera.position for camera in sized]), np.stack(rays))
+    center = nearest_point(np.stack([camera.position for camera in sized]), np.stack(rays))
     if center is None:
         raise InputError(
             "The cameras stand or look where nothing can be computed; run `lightprobe inspect` and estimate the poses "
@@ -155,7 +155,7 @@ def _direction(camera: Camera, u: float, v: float) -> np.ndarray:
     return world / np.linalg.norm(world)
 
 
-def _nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray | None:
+def nearest_point(origins: np.ndarray, directions: np.ndarray) -> np.ndarray | None:
     """Return the point (3,) with the least sum of distances to the rays (N, 3): reweighted least squares.
 
     None where the rays are no numbers, or so far apart that sums overflow.

@@ -19,6 +19,7 @@ from lightprobe import imaging
 from lightprobe.core.errors import printable
 from lightprobe.imaging.video import FrameChoice, choose_frames, difference, measure_frames
 from lightprobe.scene import unread_cameras
+from lightprobe.scene.coverage import ENOUGH, FEWEST
 from lightprobe.scene.findings import converted_encodings, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, list_images
 from lightprobe.scene.loading import has_cameras
@@ -34,7 +35,7 @@ _CORNER = 15.0  # squared grey levels per pixel of a cell's smaller eigenvalue; 
 _DARK = 0.002  # linear value below which 8 bits tell nothing
 _THREADS = 2  # photos decoded at the same time at most: each takes memory
 VIDEO_FRAMES = 60  # photos that a video is to give
-_FEWEST, _ENOUGH = 8, 25  # different sharp photos: below, cameras are seldom found; below, parts stay unseen
+
 _BLURRED, _FAR_BELOW = 0.3, 0.6  # sharpness of a blurred photo, and relative to the photos' median
 _BARE = 0.005  # share of a photo with corners: below, nothing can be matched
 _CLIPPED, _DARK_SHARE = 0.1, 0.9  # share of a photo at white, and as good as black, that spoils it
@@ -250,14 +251,14 @@ def _inspect_video(path: Path) -> PlainInspection:
     if found.problems:
         return found
     count = len(choice.frames)
-    if count < _FEWEST:
+    if count < FEWEST:
         found.problems.append(
-            f"The video gives {_count(count, 'different sharp frame')} of {choice.total}; {_FEWEST} or more are needed."
+            f"The video gives {_count(count, 'different sharp frame')} of {choice.total}; {FEWEST} or more are needed."
         )
         found.advice.append(
             "film again, walking slowly around the object, with the camera always on it and in focus."
         )
-    elif count < _ENOUGH:
+    elif count < ENOUGH:
         found.hints.append(
             f"The video gives {count} different sharp frames; about {VIDEO_FRAMES} are better."
         )
@@ -282,13 +283,13 @@ def _judge_number(found: PlainInspection) -> None:
             f"{_count(len(alike), 'photo')} {verb} the same as another, such as {alike[0].path.name}; "
             "copies add nothing."
         )
-    if different < _FEWEST:
+    if different < FEWEST:
         found.problems.append(
-            f"{_count(different, 'different photo')} of the object; {_FEWEST} or more are needed."
+            f"{_count(different, 'different photo')} of the object; {FEWEST} or more are needed."
         )
-    if different < _ENOUGH:
+    if different < ENOUGH:
         found.advice.append(
-            f"about {_ENOUGH - different} more photos: all around at the object's height, every 15 degrees, and once "
+            f"about {ENOUGH - different} more photos: all around at the object's height, every 15 degrees, and once "
             "more from above, each sharing most of what it shows with the one before."
         )
 

@@ -1,0 +1,421 @@
+"""What masks and cameras are usually wrong by, each with the change that undoes it.
+
+Notation: m is a camera-to-world matrix as `Camera.camera_to_world` has it, (4, 4), with columns right, up, back
+and position. A change takes the views of a scene in the order of their files and returns them without the mistake.
+"""
+
+import enum
+import re
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from lightprobe.core.errors import InputError
+from lightprobe.scene.camera import Camera
+from lightprobe.scene.consistency import View
+from lightprobe.scene.normalise import first_guess
+
+Views = Sequence[View]
+Change = Callable[[Views], list[View]]
+
+_FACTORS = (
+    0.25,
+    0.35,
+    0.5,
+    0.6,
+    0.7,
+    0.8,
+    1.25,
+    1.4,
+    1.6,
+    2.0,
+    2.8,
+    4.0,
+)  # that focal lengths are tried with
+_ASPECTS = (9 / 16, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 16 / 9)
+_UNITS = (1000.0, 100.0, 39.37, 10.0, 3.281, 2.54, 0.3937, 0.3048, 0.1, 0.0254, 0.01, 0.001)
+_OFF = 0.02  # of a photo's side, by which a principal point is away from the middle
+_ALIKE = 0.1  # relative difference of two ratios that have one reason
+_STEPS = 5  # of the search for a principal point
+
+
+class Kind(enum.Enum):
+    """Causes of which one sentence is enough: those of a kind differ by a number or a turn."""
+
+    INVERTED = "inverted"
+    TURNED = "turned"
+    MIRRORED = "mirrored"
+    AXES = "axes"
+    POSITIONS = "positions"
+    INTRINSICS = "intrinsics"
+    ORDER = "order"
+    UNITS = "units"
+
+
+class Scope(enum.Enum):
+    """How many photos of a scene can have a cause."""
+
+    ANY = "any"
+    ALL = "all"
+    SOME = "some"  # of all photos it would be no mistake
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A mistake: what of the photos is how, what to do, and the change that undoes it."""
+
+    kind: Kind
+    subject: str  # what is wrong, "masks" of some photos
+    state: str  # how, after "look"
+    remedy: str
+    change: Change
+    scope: Scope = Scope.ANY
+    turn: int = 0  # degrees clockwise by which the masks must be turned, of a turn
+
+
+def causes(views: Views) -> list[Cause]:
+    """Return the mistakes that the views may have, but for inverted masks: the hull alone does not show these."""
+    return [*_turns(), *_axes(), *_positions(), *_units(), *_orders(views), *_intrinsics(views)]
+
+
+def inverted() -> Cause:
+    """Return the cause that masks are black where the object is."""
+    return Cause(
+        Kind.INVERTED,
+        "masks",
+        "inverted",
+        "the object must be white (or opaque) and all else black (or transparent)",
+        lambda views: [replace(view, mask=1 - view.mask) for view in views],
+    )
+
+
+_Matrix = Callable[[np.ndarray], np.ndarray]
+
+
+def _moved(change: _Matrix) -> Change:
+    """Return the change of all views by one of their matrices m (4, 4)."""
+
+    def changed(view: View) -> View:
+        return replace(view, camera=replace(view.camera, camera_to_world=change(view.camera.camera_to_world)))
+
+    return lambda views: [changed(view) for view in views]
+
+
+def _columns(right: np.ndarray) -> _Matrix:
+    """Return the change m -> m R of the camera's own axes by R (3, 3)."""
+    whole = np.eye(4)
+    whole[:3, :3] = right
+    return lambda m: m @ whole
+
+
+def _then(first: _Matrix, second: _Matrix) -> _Matrix:
+    return lambda m: second(first(m))
+
+
+_QUARTER = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+_OPENCV, _PYTORCH3D = _columns(np.diag([1.0, -1, -1])), _columns(np.diag([-1.0, 1, -1]))
+
+
+def _mirrored(change: Change | None = None) -> Change:
+    """Return the change that mirrors the masks left to right, then does `change`."""
+
+    def mirrored(views: Views) -> list[View]:
+        flipped = [replace(view, mask=np.ascontiguousarray(view.mask[:, ::-1])) for view in views]
+        return change(flipped) if change else flipped
+
+    return mirrored
+
+
+def _turns() -> Iterator[Cause]:
+    """Yield what an EXIF orientation does that was applied to masks, cameras or photos but not to all three.
+
+    A camera that is turned about its view axis stands for a turned mask: it needs no square photos.
+    """
+    half, quarter, back = _columns(np.diag([-1.0, -1, 1])), _columns(_QUARTER), _columns(_QUARTER.T)
+    lines = (
+        "m[:3, :2] *= -1",
+        "m[:3, :2] = np.stack([m[:3, 1], -m[:3, 0]], 1)",
+        "m[:3, :2] = np.stack([-m[:3, 1], m[:3, 0]], 1)",
+    )
+    turns = zip((180, 270, 90), (half, quarter, back), lines, strict=True)
+    for degrees, change, line in turns:
+        yield Cause(Kind.TURNED, "cameras", "", line, _moved(change), turn=degrees)
+    remedy = (
+        "mirror the photos and their masks as the cameras saw them, or mirror the cameras' world "
+        "(m[0] *= -1, then m[:3, 0] *= -1)"
+    )
+    for words, change in (("", None), (" and upside down", _moved(half))):
+        state = f"mirrored left to right{words} against the cameras"
+        yield Cause(Kind.MIRRORED, "photos", state, remedy, _mirrored(change))
+    for words, change in (("clockwise", _moved(back)), ("anticlockwise", _moved(quarter))):
+        state = f"mirrored left to right against the cameras, and turned by 90 degrees {words}"
+        yield Cause(Kind.MIRRORED, "photos", state, remedy, _mirrored(change))
+
+
+def _axes() -> Iterator[Cause]:
+    """Yield other conventions of axes, and matrices that map the other way."""
+    opencv, pytorch = "m[:3, 1:3] *= -1", "m[:3, [0, 2]] *= -1"
+    inverse: _Matrix = np.linalg.inv
+    seen = "OpenCV's (y down, looking along +z)", "PyTorch3D's (x left, looking along +z)"
+    kept = "negate the second and third column of each camera-to-world matrix m"
+    yield Cause(Kind.AXES, "cameras", f"like {seen[0]}", f"{kept} ({opencv})", _moved(_OPENCV))
+    kept = "negate the first and third column of each camera-to-world matrix m"
+    yield Cause(Kind.AXES, "cameras", f"like {seen[1]}", f"{kept} ({pytorch})", _moved(_PYTORCH3D))
+    store = "store their inverses (m = np.linalg.inv(m))"
+    yield Cause(Kind.AXES, "matrices of the cameras", "like world-to-camera", store, _moved(inverse))
+    for name, axes, line in (("OpenCV", _OPENCV, opencv), ("PyTorch3D", _PYTORCH3D, pytorch)):
+        store = f"store their inverses with other axes (m = np.linalg.inv(m), then {line})"
+        state = f"like world-to-camera with {name} axes"
+        yield Cause(Kind.AXES, "matrices of the cameras", state, store, _moved(_then(inverse, axes)))
+
+
+def _transposed(m: np.ndarray) -> np.ndarray:
+    """Return m (4, 4) with its rotation inverted and its position kept."""
+    turned = m.copy()
+    turned[:3, :3] = m[:3, :3].T
+    return turned
+
+
+def _from_translation(axes: np.ndarray) -> _Matrix:
+    """Return the change of m (4, 4) whose last column is a world-to-camera translation, in `axes` (3,) of signs."""
+
+    def moved(m: np.ndarray) -> np.ndarray:
+        found = m.copy()
+        found[:3, 3] = -(m[:3, :3] * axes) @ m[:3, 3]
+        return found
+
+    return moved
+
+
+def _positions() -> Iterator[Cause]:
+    """Yield rotations and positions that do not belong together."""
+    transposed = "m[:3, :3] = m[:3, :3].T"
+    for words, axes, line in (
+        ("", _columns(np.eye(3)), ""),
+        (", with OpenCV axes", _OPENCV, ", then m[:3, 1:3] *= -1"),
+        (", with PyTorch3D axes", _PYTORCH3D, ", then m[:3, [0, 2]] *= -1"),
+    ):
+        remedy = f"transpose the rotation of each matrix m ({transposed}{line})"
+        state = f"like world-to-camera{words}, beside positions in the world"
+        yield Cause(
+            Kind.POSITIONS, "rotations of the cameras", state, remedy, _moved(_then(_transposed, axes))
+        )
+    for line, signs in (
+        ("m[:3, 3] = -m[:3, :3] @ m[:3, 3]", (1, 1, 1)),
+        ("m[:3, 3] = -(m[:3, :3] * [1, -1, -1]) @ m[:3, 3]", (1, -1, -1)),
+    ):
+        state = "like translations of world-to-camera matrices"
+        remedy = f"store the cameras' centres ({line})"
+        yield Cause(
+            Kind.POSITIONS,
+            "positions of the cameras",
+            state,
+            remedy,
+            _moved(_from_translation(np.array(signs))),
+        )
+    worlds = {
+        "(x, -y, -z)": np.diag([1.0, -1, -1]),
+        "(x, z, -y)": np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]]),
+        "(x, -z, y)": np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+        "(-x, -y, -z)": -np.eye(3),
+    }
+    for written, world in worlds.items():
+        state = "given in other axes than their rotations"
+        remedy = f"write each position (x, y, z) as {written}"
+        yield Cause(
+            Kind.POSITIONS, "positions of the cameras", state, remedy, _moved(_positioned(world)), Scope.ALL
+        )
+
+
+def _positioned(world: np.ndarray) -> _Matrix:
+    """Return the change of positions alone by `world` (3, 3)."""
+
+    def moved(m: np.ndarray) -> np.ndarray:
+        found = m.copy()
+        found[:3, 3] = world @ m[:3, 3]
+        return found
+
+    return moved
+
+
+def _units() -> Iterator[Cause]:
+    """Yield other units of some photos' positions; all photos may have any."""
+    for factor in _UNITS:
+        remedy = f"multiply their positions by {factor:.4g}"
+        change = _moved(_positioned(factor * np.eye(3)))
+        yield Cause(
+            Kind.UNITS,
+            "positions of the cameras",
+            "given in another unit than the others",
+            remedy,
+            change,
+            Scope.SOME,
+        )
+
+
+def _reordered(order: Sequence[int]) -> Change:
+    """Return the change that gives photo i the pose of photo order[i]; its focal length is its own."""
+
+    def changed(views: Views) -> list[View]:
+        poses = [views[k].camera.camera_to_world for k in order]
+        pairs = zip(views, poses, strict=True)
+        return [replace(view, camera=replace(view.camera, camera_to_world=pose)) for view, pose in pairs]
+
+    return changed
+
+
+def taken_from(views: Views, index: int) -> Cause:
+    """Return the cause that a photo has its own camera at the photo `index`."""
+    name = views[index].name
+    remedy = "give each of these photos its own camera"
+    return Cause(
+        Kind.ORDER,
+        "cameras",
+        f"exchanged for that of {name}",
+        remedy,
+        _reordered([index] * len(views)),
+        Scope.SOME,
+    )
+
+
+def _orders(views: Views) -> Iterator[Cause]:
+    """Yield orders of cameras that are not the photos': photos are taken in the order of their names."""
+    count = len(views)
+    for step in (1, -1, 2, -2):
+        order = [(i + step) % count for i in range(count)]
+        which = {1: "next", -1: "previous", 2: "next but one", -2: "previous but one"}[step]
+        yield Cause(
+            Kind.ORDER,
+            "cameras",
+            f"like those of the {which} photo",
+            f"give each photo the camera of the {which} one in the order of names (a photo more or fewer than "
+            "cameras shifts the rest)",
+            _reordered(order),
+        )
+    yield Cause(
+        Kind.ORDER,
+        "cameras",
+        "listed in the reverse order of the photos",
+        "reverse the list of cameras",
+        _reordered(range(count)[::-1]),
+        scope=Scope.ALL,
+    )
+    natural = sorted(range(count), key=lambda i: _natural(views[i].name))
+    if natural == list(range(count)):
+        return
+    ranks = np.argsort(natural).tolist()
+    for order, listed, sorted_as in ((ranks, "numbers", "text"), (natural, "text", "numbers")):
+        yield Cause(
+            Kind.ORDER,
+            "cameras",
+            f"listed in the order of names as {listed} (2 before 10 is {_YES_NO[listed]})",
+            f"list them in the order of names as {sorted_as}, or name photos with leading zeros before cameras "
+            "are listed",
+            _reordered(order),
+            scope=Scope.ALL,
+        )
+
+
+_YES_NO = {"numbers": "so", "text": "not so"}
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return a key that sorts names as people count: 2 before 10."""
+    parts = re.split(r"(\d+)", name)
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in parts]
+
+
+def _lensed(change: Callable[[Camera], Camera]) -> Change:
+    return lambda views: [replace(view, camera=change(view.camera)) for view in views]
+
+
+def _scaled(x: float, y: float) -> Callable[[Camera], Camera]:
+    return lambda camera: replace(camera, fx=camera.fx * x, fy=camera.fy * y)
+
+
+def _centred(camera: Camera) -> Camera:
+    return replace(camera, cx=camera.width / 2, cy=camera.height / 2)
+
+
+def _intrinsics(views: Views) -> Iterator[Cause]:
+    """Yield focal lengths and principal points of other photos than these, of all photos alike."""
+    cameras = [view.camera for view in views]
+    focal = float(np.median([camera.fx / camera.width for camera in cameras]))
+    across = float(np.median([camera.cx / camera.width for camera in cameras]))
+    down = float(np.median([camera.cy / camera.height for camera in cameras]))
+
+    def cause(subject: str, state: str, remedy: str, change: Change) -> Cause:
+        return Cause(Kind.INTRINSICS, subject, state, remedy, change, scope=Scope.ALL)
+
+    for factor in _FACTORS:
+        angle = 2 * np.arctan(0.5 / (focal * factor))
+        length = "short" if factor > 1 else "long"
+        yield cause(
+            "focal lengths of the cameras",
+            f"about {max(factor, 1 / factor):.2g} times too {length}",
+            f"give them in pixels of these photos, about {focal * factor:.2g} times the width (camera_angle_x "
+            f"{angle:.2g})",
+            _lensed(_scaled(factor, factor)),
+        )
+    for factor in _ASPECTS:
+        yield cause(
+            "photos",
+            f"squeezed to {1 / factor:.2g} times their height"
+            if factor < 1
+            else f"stretched by {factor:.2g}",
+            f"give the cameras a focal length of its own for rows, {factor:.2g} times that for columns (fl_y)",
+            _lensed(_scaled(1, factor)),
+        )
+    if max(abs(across - 0.5), abs(down - 0.5)) > _OFF:
+        centre = "leave out cx and cy, or give them in pixels of these photos, near half of width and height"
+        state = "far from the middles of the photos"
+        yield cause("principal points of the cameras", state, centre, _lensed(_centred))
+        if min(across, down) > 0 and abs(across / down - 1) < _ALIKE:
+            yield cause(
+                "focal lengths and principal points of the cameras",
+                f"given in pixels of photos {across / 0.5:.2g} times as large",
+                "give w and h of the photos that the cameras were estimated from, beside fl_x, fl_y, cx and cy",
+                _lensed(lambda camera: _centred(_scaled(0.5 / across, 0.5 / down)(camera))),
+            )
+    yield from _off_centre(views, cause)
+
+
+def _off_centre(views: Views, cause: Callable[[str, str, str, Change], Cause]) -> Iterator[Cause]:
+    """Yield the principal point by which the middles of the masks point to one place, if there is one."""
+    offset, moved = np.zeros(2), list(views)
+    for _ in range(_STEPS):
+        try:
+            center, _ = first_guess([view.camera for view in moved], [view.mask for view in moved])
+        except InputError:
+            return
+        offset = offset + np.median([_beside(view, center) for view in moved], axis=0)
+        moved = _offset(views, offset)
+    if np.abs(offset).max() <= _OFF:
+        return
+    x, y = 100 * offset
+    yield cause(
+        "principal points of the cameras",
+        f"off by {abs(x):.0f} % of the width and {abs(y):.0f} % of the height, as if the photos were cropped",
+        f"add {x:.0f} % of the width to cx and {y:.0f} % of the height to cy, or use the uncropped photos",
+        lambda views: _offset(views, offset),
+    )
+
+
+def _beside(view: View, center: np.ndarray) -> np.ndarray:
+    """Return how far the mask's middle lies beside the point `center` (3,), (2,) in shares of width and height."""
+    rows, columns = np.nonzero(view.mask >= 0.5)
+    x, y, _ = view.camera.project(center[None])[0]
+    height, width = view.mask.shape
+    return (
+        np.array([(columns.mean() + 0.5 - x) / width, (rows.mean() + 0.5 - y) / height])
+        if len(rows)
+        else np.zeros(2)
+    )
+
+
+def _offset(views: Views, offset: np.ndarray) -> list[View]:
+    """Return the views with principal points moved by `offset` (2,), in shares of width and height."""
+    x, y = offset
+    change = _lensed(lambda c: replace(c, cx=c.cx + x * c.width, cy=c.cy + y * c.height))
+    return change(views)

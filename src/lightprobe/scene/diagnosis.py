@@ -1,0 +1,257 @@
+"""Which single cause makes masks and cameras disagree: each is undone in turn, and the hull carved anew.
+
+A cause may lie in all photos or in some while the others are right. Which ones is found by turns: a hull that
+most masks agree on tells which photos fit better without the cause, and their change makes a better hull.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lightprobe.scene.causes import Cause, Kind, Scope, causes, inverted, taken_from
+from lightprobe.scene.consistency import View, agreements, rim, trial_hull
+from lightprobe.scene.hull import Hull
+from lightprobe.scene.normalise import nearest_point
+
+_PHOTOS = 24  # that causes are tried on
+_SMALL = 40  # pixels along the longer side of the masks that tell which causes are worth a closer look
+# Shares of the masks that must agree, in turn, while wrong ones are among them: a lenient hull is found by a bare
+# majority, a strict one shows small differences.
+_SHARES = (0.6, 0.7, 0.8), (0.9, 0.9, 0.9)
+_TRIED = 6  # causes that get a closer look, for all photos and for a part
+_NEARLY_ALL = 0.9  # share of the photos with a cause from which all have it
+_SAME = 0.01  # difference in IoU that tells nothing
+_BETTER = 0.03  # gain in IoU of a photo that has the cause
+_LEAST_GAIN, _MENDED = 0.04, 0.35  # in IoU, and of what was missing, that a cause must bring to be told
+_RIVAL, _APART = (
+    0.25,
+    0.03,
+)  # share of that gain, and IoU that is enough, by which the next cause must bring less
+_CONVINCING, _SURE = 0.6, 0.85  # IoU that a cause must lead to; the latter where the photos tell little
+_AROUND, _AIMED = 0.5, 2  # rim of an inverted mask; half the pixels around the point that all cameras look at
+_NUMBERS = (Kind.INTRINSICS, Kind.UNITS)  # kinds whose causes differ by a number
+_MOST_OUTLIERS = 12  # photos whose cameras are compared with each other's
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """A cause, the photos that have it, and what the hull gains where it is undone."""
+
+    cause: Cause
+    photos: tuple[int, ...]  # indices of views
+    before: float  # mean IoU of the photos as they are
+    after: float  # and without the cause
+
+
+@dataclass(frozen=True)
+class _Trial:
+    cause: Cause
+    chosen: np.ndarray  # (views that are tried,) bool, those with the cause
+    hull: Hull | None
+    mean: float  # IoU of the views that are tried
+
+
+def diagnose(views: Sequence[View], *, is_little: bool = False) -> Diagnosis | None:
+    """Return the cause without which masks and cameras agree clearly better than with any other, or None.
+
+    views: all photos in the order of their files. is_little: whether the photos are so few, or so alike, that a
+    hull fits them in many ways.
+    """
+    sample = _sample(views)
+    as_they_are = [views[i] for i in sample]
+    usual = trial_hull(as_they_are)
+    before = float(agreements(as_they_are, usual).mean())
+    trials = [_tried(cause, views, sample, chosen) for cause, chosen in _candidates(views, sample)]
+    best = max(trials, key=lambda trial: trial.mean)
+    alike = [t for t in trials if not _is_another(t.cause, best.cause) and t.mean >= best.mean - _SAME]
+    if (
+        best.cause.kind is not Kind.INTRINSICS
+    ):  # of all photos sooner than of some, but of few sooner than of most
+        best = min(alike, key=lambda trial: 0 if trial.chosen.all() else trial.chosen.sum())
+    rival = max((t.mean for t in trials if _is_another(t.cause, best.cause)), default=0.0)
+    gain = best.mean - before
+    if best.hull is None or gain <= _SAME or best.mean - max(rival, before) < min(_RIVAL * gain, _APART):
+        return None
+    unchanged = usual if best.chosen.all() else best.hull
+    return _named(best, views, unchanged, _SURE if is_little else _CONVINCING)
+
+
+def _is_another(cause: Cause, best: Cause) -> bool:
+    """Tell whether two causes are told apart by more than a number."""
+    return cause is not best and not (cause.kind is best.kind and best.kind in _NUMBERS)
+
+
+def _sample(views: Sequence[View]) -> list[int]:
+    """Return indices of views that are tried: in no order that mistakes may have, but always the same ones."""
+    shuffled = np.random.default_rng(0).permutation(len(views))
+    return sorted(shuffled[:_PHOTOS].tolist())
+
+
+def _tried(cause: Cause, views: Sequence[View], sample: Sequence[int], chosen: np.ndarray) -> _Trial:
+    """Return what comes of a cause undone in the `chosen` of the sampled views, (len(sample),) bool."""
+    mixed = _mixed(cause.change(views), views, sample, chosen)
+    hull = trial_hull(mixed)
+    return _Trial(cause, chosen, hull, float(agreements(mixed, hull).mean()))
+
+
+def _mixed(
+    changed: Sequence[View], views: Sequence[View], sample: Sequence[int], chosen: np.ndarray
+) -> list[View]:
+    return [changed[i] if is_chosen else views[i] for i, is_chosen in zip(sample, chosen, strict=True)]
+
+
+def _candidates(views: Sequence[View], sample: Sequence[int]) -> list[tuple[Cause, np.ndarray]]:
+    """Return the most promising causes with the sampled views that have them, (len(sample),) bool.
+
+    Small pictures and coarse hulls tell which these are.
+    """
+    found, small = causes(views), [view.within(_SMALL) for view in views]
+    every = np.ones(len(sample), bool)
+    trials = [_tried(cause, small, sample, every) for cause in found if cause.scope is not Scope.SOME]
+    trials.sort(key=lambda trial: -trial.mean)
+    candidates = [(trial.cause, every) for trial in trials[:_TRIED]]
+    partial = [cause for cause in found if cause.scope is not Scope.ALL]
+    hull = trial_hull([small[i] for i in sample], _SHARES[0][0])
+    promises = [np.maximum(_gains(cause.change(small), small, sample, hull), 0).sum() for cause in partial]
+    for index in np.argsort(promises)[::-1][:_TRIED]:
+        best = _best_part(partial[index], small, sample)
+        candidates += [] if best is None else [(best.cause, best.chosen)]
+    return candidates
+
+
+def _best_part(cause: Cause, views: Sequence[View], sample: Sequence[int]) -> _Trial | None:
+    """Return the part of the sampled views that agree best with the cause undone in it, None if there is none.
+
+    Where as many are wrong as right, a hull of the wrong ones may be found first: the other part is tried, too.
+    """
+    tagged = np.array([views[i].orientation != 1 for i in sample])
+    starts = [np.zeros(len(sample), bool)] + ([tagged] if tagged.any() and not tagged.all() else [])
+    changed = cause.change(views)
+    settled = [_settled(changed, views, sample, start, shares) for start in starts for shares in _SHARES]
+    parts = {part.tobytes(): part for found in settled for part in (found, ~found)}
+    trials = [_tried(cause, views, sample, part) for part in parts.values() if part.any() and not part.all()]
+    return max(trials, key=lambda trial: trial.mean, default=None)
+
+
+def _settled(
+    changed: Sequence[View],
+    views: Sequence[View],
+    sample: Sequence[int],
+    start: np.ndarray,
+    shares: Sequence[float],
+) -> np.ndarray:
+    """Return which of the sampled views fit better changed, (len(sample),) bool, in turns with the hull."""
+    chosen = start
+    for share in shares:
+        mixed = _mixed(changed, views, sample, chosen)
+        chosen = _gains(changed, views, sample, trial_hull(mixed, share)) > _SAME
+    return chosen
+
+
+def _gains(
+    changed: Sequence[View], views: Sequence[View], sample: Iterable[int], hull: Hull | None
+) -> np.ndarray:
+    """Return how much better the sampled views fit the hull changed than as they are, (len(sample),) float64."""
+    pairs = [(changed[i], views[i]) for i in sample]
+    return agreements([new for new, _ in pairs], hull) - agreements([old for _, old in pairs], hull)
+
+
+def _named(best: _Trial, views: Sequence[View], usual: Hull | None, convincing: float) -> Diagnosis | None:
+    """Return the diagnosis of the photos that fit better without the cause, or None if that brings little.
+
+    usual: the hull that photos with the cause are compared with as they are. Photos with an EXIF orientation of
+    those that are turned are turned, too, even where that shows less.
+    """
+    cause, changed = best.cause, best.cause.change(views)
+    new, old = agreements(changed, best.hull), agreements(views, usual)
+    has = (new > old + _BETTER) | best.chosen.all()
+    if cause.kind is Kind.TURNED:
+        tags = {view.orientation for view, is_one in zip(views, has, strict=True) if is_one} - {1}
+        has |= np.array([view.orientation in tags for view in views]) & (new > old - _SAME)
+    if not has.any():
+        return None
+    if has.mean() >= _NEARLY_ALL and cause.scope is not Scope.SOME:
+        has[:] = True
+    before, after = float(old[has].mean()), float(new[has].mean())
+    if after < max(convincing, before + max(_LEAST_GAIN, _MENDED * (1 - before))):
+        return None
+    return Diagnosis(cause, tuple(np.flatnonzero(has).tolist()), before, after)
+
+
+def diagnose_inverted(views: Sequence[View]) -> Diagnosis | None:
+    """Return which masks are inverted, or None.
+
+    The space around an object is as consistent as the object, so it is told by the photos' borders: an inverted
+    mask fills them and leaves out what the cameras look at. The hull must then agree with the others.
+    """
+    suspects = np.array(_look_inverted(views))
+    if not suspects.any():
+        return None
+    cause = inverted()
+    changed = cause.change(views)
+    mixed = [changed[i] if is_one else views[i] for i, is_one in enumerate(suspects)]
+    chosen = [mixed[i] for i in _sample(mixed)]
+    hull = trial_hull(chosen)
+    after = agreements(mixed, hull)[suspects]
+    convincing = suspects & (agreements(mixed, hull) >= _CONVINCING)
+    if not convincing.any():
+        return None
+    before = agreements(views, hull)[suspects]
+    return Diagnosis(
+        cause, tuple(np.flatnonzero(convincing).tolist()), float(before.mean()), float(after.mean())
+    )
+
+
+def _look_inverted(views: Sequence[View]) -> list[bool]:
+    """Tell of each view whether its mask fills most of the border and leaves out what all cameras look at."""
+    positions = np.stack([view.camera.position for view in views])
+    axes = np.stack([-view.camera.camera_to_world[:3, 2] for view in views])
+    target = nearest_point(positions, axes)
+    return [rim(view.mask) > _AROUND and _leaves_out(view, target) for view in views]
+
+
+def _leaves_out(view: View, target: np.ndarray | None) -> bool:
+    """Tell whether the mask is black around the point `target` (3,), or wherever the photo shows it not."""
+    height, width = view.mask.shape
+    x, y = width / 2, height / 2
+    if target is not None:
+        u, v, depth = view.camera.project(target[None])[0]
+        x, y = (u, v) if depth > 0 and 0 <= u < width and 0 <= v < height else (x, y)
+    rows, columns = (slice(max(0, int(c) - _AIMED), int(c) + _AIMED + 1) for c in (y, x))
+    return bool(view.mask[rows, columns].mean() < 0.5)
+
+
+def diagnose_outliers(views: Sequence[View], outliers: Sequence[int]) -> list[Diagnosis]:
+    """Return what the photos `outliers` have that fit the others badly, as far as one cause mends each clearly."""
+    others = sorted(set(range(len(views))) - set(outliers))
+    chosen = [views[others[i]] for i in _sample([views[k] for k in others])]
+    hull = trial_hull(chosen)
+    if hull is None:
+        return []
+    usual = float(np.median(agreements(chosen, hull)))
+    found = [cause for cause in causes(views) if cause.scope is not Scope.ALL]
+    found += [inverted(), *(taken_from(views, k) for k in outliers[:_MOST_OUTLIERS])]
+    trials = [(cause, cause.change(views)) for cause in found]
+    by_cause: dict[int, list[tuple[int, float, float]]] = {}
+    for index in outliers:
+        before = views[index].agreement(hull)
+        scores = [changed[index].agreement(hull) for _, changed in trials]
+        best, after = int(np.argmax(scores)), max(scores)
+        rival = max([before, *(s for k, s in enumerate(scores) if k != best)])
+        gain = after - before
+        if (
+            after >= usual - 2 * _LEAST_GAIN
+            and gain >= 2 * _LEAST_GAIN
+            and after - rival >= _RIVAL * gain / 2
+        ):
+            by_cause.setdefault(best, []).append((index, before, after))
+    return [
+        Diagnosis(
+            trials[k][0],
+            tuple(index for index, _, _ in photos),
+            float(np.mean([before for _, before, _ in photos])),
+            float(np.mean([after for _, _, after in photos])),
+        )
+        for k, photos in by_cause.items()
+    ]
