@@ -282,16 +282,16 @@ def taken_from(views: Views, index: int) -> Cause:
 def _orders(views: Views) -> Iterator[Cause]:
     """Yield orders of cameras that are not the photos': photos are taken in the order of their names."""
     count = len(views)
-    for step in (1, -1, 2, -2):
-        order = [(i + step) % count for i in range(count)]
-        which = {1: "next", -1: "previous", 2: "next but one", -2: "previous but one"}[step]
+    steps = ("next", "previous"), ("previous", "next"), ("next but one", "previous but one")
+    steps += (("previous but one", "next but one"),)
+    for step, (whose, source) in zip((-1, 1, -2, 2), steps, strict=True):
         yield Cause(
             Kind.ORDER,
             "cameras",
-            f"like those of the {which} photo",
-            f"give each photo the camera of the {which} one in the order of names (a photo more or fewer than "
-            "cameras shifts the rest)",
-            _reordered(order),
+            f"like those of the {whose} photo",
+            f"give each of these photos the camera that the {source} one has in the order of names (a photo more or "
+            "fewer than cameras shifts all that follow)",
+            _reordered([(i + step) % count for i in range(count)]),
         )
     yield Cause(
         Kind.ORDER,
@@ -305,19 +305,15 @@ def _orders(views: Views) -> Iterator[Cause]:
     if natural == list(range(count)):
         return
     ranks = np.argsort(natural).tolist()
-    for order, listed, sorted_as in ((ranks, "numbers", "text"), (natural, "text", "numbers")):
+    for order, cameras, photos in ((ranks, "1, 2, 10", "1, 10, 2"), (natural, "1, 10, 2", "1, 2, 10")):
         yield Cause(
             Kind.ORDER,
             "cameras",
-            f"listed in the order of names as {listed} (2 before 10 is {_YES_NO[listed]})",
-            f"list them in the order of names as {sorted_as}, or name photos with leading zeros before cameras "
-            "are listed",
+            f"listed in another order of names ({cameras}) than the photos ({photos})",
+            "list both in one order; names with leading zeros (01, 02, 10) have only one",
             _reordered(order),
-            scope=Scope.ALL,
+            Scope.ALL,
         )
-
-
-_YES_NO = {"numbers": "so", "text": "not so"}
 
 
 def _natural(name: str) -> list[tuple[int, str]]:

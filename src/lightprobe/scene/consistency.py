@@ -14,7 +14,7 @@ from lightprobe.scene.camera import Camera, Similarity
 from lightprobe.scene.hull import Hull, visual_hull
 from lightprobe.scene.normalise import first_guess
 
-_SIDE = 80  # pixels along the longer side of the masks that trials compare: each trial carves a hull
+_SIDE = 128  # pixels along the longer side of a view's mask
 _VOXELS = 0.6  # along an edge of a trial's hull, for each pixel of the masks' longer side
 _ROOM = 1.3  # of the searched cube around the first guess of the object's size
 _SEEN_BY = 0.2  # share of the photos that must see a voxel: what few see lies far behind the object
@@ -33,7 +33,7 @@ class View:
 
     @staticmethod
     def of(name: str, camera: Camera, alpha: np.ndarray, orientation: int) -> "View":
-        """Return the view of an input-frame camera and its mask `alpha` (H, W), small enough for trials."""
+        """Return the view of an input-frame camera and its mask `alpha` (H, W), of at most 128 pixels a side."""
         return View(name, replace(camera, lens=None), alpha, orientation).within(_SIDE)
 
     def within(self, side: int) -> "View":

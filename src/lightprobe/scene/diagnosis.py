@@ -15,11 +15,14 @@ from lightprobe.scene.hull import Hull
 from lightprobe.scene.normalise import nearest_point
 
 _PHOTOS = 24  # that causes are tried on
-_SMALL = 40  # pixels along the longer side of the masks that tell which causes are worth a closer look
+# Pixels along the longer side of the masks that tell how well a cause mends them, and which causes are worth that
+_SIDE, _SMALL = 80, 40
 # Shares of the masks that must agree, in turn, while wrong ones are among them: a lenient hull is found by a bare
 # majority, a strict one shows small differences.
 _SHARES = (0.6, 0.7, 0.8), (0.9, 0.9, 0.9)
+_FIRST = (0.8, 0.6)  # likewise, while causes are chosen
 _TRIED = 6  # causes that get a closer look, for all photos and for a part
+_ENDS = 7  # places in the order of photos from which on a cause is sought
 _NEARLY_ALL = 0.9  # share of the photos with a cause from which all have it
 _SAME = 0.01  # difference in IoU that tells nothing
 _BETTER = 0.03  # gain in IoU of a photo that has the cause
@@ -42,6 +45,7 @@ class Diagnosis:
     photos: tuple[int, ...]  # indices of views
     before: float  # mean IoU of the photos as they are
     after: float  # and without the cause
+    unclear: tuple[int, ...] = ()  # other photos, which fit as well with the cause as without it
 
 
 @dataclass(frozen=True)
@@ -58,6 +62,7 @@ def diagnose(views: Sequence[View], *, is_little: bool = False) -> Diagnosis | N
     views: all photos in the order of their files. is_little: whether the photos are so few, or so alike, that a
     hull fits them in many ways.
     """
+    large, views = views, [view.within(_SIDE) for view in views]
     sample = _sample(views)
     as_they_are = [views[i] for i in sample]
     usual = trial_hull(as_they_are)
@@ -74,7 +79,7 @@ def diagnose(views: Sequence[View], *, is_little: bool = False) -> Diagnosis | N
     if best.hull is None or gain <= _SAME or best.mean - max(rival, before) < min(_RIVAL * gain, _APART):
         return None
     unchanged = usual if best.chosen.all() else best.hull
-    return _named(best, views, unchanged, _SURE if is_little else _CONVINCING)
+    return _named(best, views, large, unchanged, _SURE if is_little else _CONVINCING)
 
 
 def _is_another(cause: Cause, best: Cause) -> bool:
@@ -82,10 +87,10 @@ def _is_another(cause: Cause, best: Cause) -> bool:
     return cause is not best and not (cause.kind is best.kind and best.kind in _NUMBERS)
 
 
-def _sample(views: Sequence[View]) -> list[int]:
-    """Return indices of views that are tried: in no order that mistakes may have, but always the same ones."""
+def _sample(views: Sequence[View], most: int = _PHOTOS) -> list[int]:
+    """Return indices of at most `most` views: in no order that mistakes may have, but always the same ones."""
     shuffled = np.random.default_rng(0).permutation(len(views))
-    return sorted(shuffled[:_PHOTOS].tolist())
+    return sorted(shuffled[:most].tolist())
 
 
 def _tried(cause: Cause, views: Sequence[View], sample: Sequence[int], chosen: np.ndarray) -> _Trial:
@@ -112,26 +117,49 @@ def _candidates(views: Sequence[View], sample: Sequence[int]) -> list[tuple[Caus
     trials.sort(key=lambda trial: -trial.mean)
     candidates = [(trial.cause, every) for trial in trials[:_TRIED]]
     partial = [cause for cause in found if cause.scope is not Scope.ALL]
-    hull = trial_hull([small[i] for i in sample], _SHARES[0][0])
-    promises = [np.maximum(_gains(cause.change(small), small, sample, hull), 0).sum() for cause in partial]
-    for index in np.argsort(promises)[::-1][:_TRIED]:
-        best = _best_part(partial[index], small, sample)
-        candidates += [] if best is None else [(best.cause, best.chosen)]
-    return candidates
+    parts = [_best_part(cause, small, sample) for cause in _promising(partial, small, sample)]
+    for chosen in _sides(
+        max(parts, key=lambda part: part.mean).chosen
+    ):  # may be right although the cause is not
+        parts += [_tried(cause, small, sample, chosen) for cause in partial]
+    parts.sort(key=lambda part: -part.mean)
+    return candidates + [(part.cause, part.chosen) for part in parts[:_TRIED] if part.chosen.any()]
 
 
-def _best_part(cause: Cause, views: Sequence[View], sample: Sequence[int]) -> _Trial | None:
-    """Return the part of the sampled views that agree best with the cause undone in it, None if there is none.
+def _sides(chosen: np.ndarray) -> list[np.ndarray]:
+    """Return a part of the views, (N,) bool, and the other part, where neither is empty."""
+    return [] if chosen.all() or not chosen.any() else [chosen, ~chosen]
+
+
+def _promising(partial: Sequence[Cause], views: Sequence[View], sample: Sequence[int]) -> list[Cause]:
+    """Return the causes that some of the sampled views fit best without, by a lenient and by a strict hull."""
+    chosen: dict[int, Cause] = {}
+    for share in _FIRST:
+        hull = trial_hull([views[i] for i in sample], share)
+        gains = [np.maximum(_gains(cause.change(views), views, sample, hull), 0).sum() for cause in partial]
+        chosen |= {int(index): partial[index] for index in np.argsort(gains)[::-1][:_TRIED]}
+    return list(chosen.values())
+
+
+def _best_part(cause: Cause, views: Sequence[View], sample: Sequence[int]) -> _Trial:
+    """Return the part of the sampled views, maybe none, that agree best with the cause undone in it.
 
     Where as many are wrong as right, a hull of the wrong ones may be found first: the other part is tried, too.
     """
+    changed, none = cause.change(views), np.zeros(len(sample), bool)
     tagged = np.array([views[i].orientation != 1 for i in sample])
-    starts = [np.zeros(len(sample), bool)] + ([tagged] if tagged.any() and not tagged.all() else [])
-    changed = cause.change(views)
+
+    def best_of(chosen: Iterable[np.ndarray]) -> _Trial:
+        parts = {part.tobytes(): part for found in (none, *chosen) for part in (found, ~found)}
+        trials = [_tried(cause, views, sample, part) for part in parts.values() if not part.all()]
+        return max(trials, key=lambda trial: trial.mean)
+
+    starts = [none, tagged]
+    if cause.kind is Kind.ORDER:  # a photo more or fewer shifts all that follow
+        ends = np.linspace(0, len(views), _ENDS + 2)[1:-1]
+        starts.append(best_of([np.array(sample) >= end for end in ends]).chosen)
     settled = [_settled(changed, views, sample, start, shares) for start in starts for shares in _SHARES]
-    parts = {part.tobytes(): part for found in settled for part in (found, ~found)}
-    trials = [_tried(cause, views, sample, part) for part in parts.values() if part.any() and not part.all()]
-    return max(trials, key=lambda trial: trial.mean, default=None)
+    return best_of([*settled, starts[-1]])
 
 
 def _settled(
@@ -157,26 +185,44 @@ def _gains(
     return agreements([new for new, _ in pairs], hull) - agreements([old for _, old in pairs], hull)
 
 
-def _named(best: _Trial, views: Sequence[View], usual: Hull | None, convincing: float) -> Diagnosis | None:
+def _named(
+    best: _Trial, views: Sequence[View], large: Sequence[View], usual: Hull | None, convincing: float
+) -> Diagnosis | None:
     """Return the diagnosis of the photos that fit better without the cause, or None if that brings little.
 
-    usual: the hull that photos with the cause are compared with as they are. Photos with an EXIF orientation of
-    those that are turned are turned, too, even where that shows less.
+    usual: the hull that photos with the cause are compared with as they are.
     """
-    cause, changed = best.cause, best.cause.change(views)
-    new, old = agreements(changed, best.hull), agreements(views, usual)
-    has = (new > old + _BETTER) | best.chosen.all()
-    if cause.kind is Kind.TURNED:
-        tags = {view.orientation for view, is_one in zip(views, has, strict=True) if is_one} - {1}
-        has |= np.array([view.orientation in tags for view in views]) & (new > old - _SAME)
+    every = np.arange(len(views))
+    gains = np.ones(len(views)) if best.chosen.all() else _gains_of_all(best, views, large)
+    has = gains > _SAME
+    if (
+        best.cause.kind is Kind.TURNED and has.any()
+    ):  # by one orientation all are turned, even where it shows less
+        tags = {views[i].orientation for i in every[has]} - {1}
+        has |= np.array([view.orientation in tags for view in views]) & (gains > -_SAME)
+    if has.mean() >= _NEARLY_ALL and best.cause.scope is not Scope.SOME:
+        has[:] = True
     if not has.any():
         return None
-    if has.mean() >= _NEARLY_ALL and cause.scope is not Scope.SOME:
-        has[:] = True
-    before, after = float(old[has].mean()), float(new[has].mean())
+    changed = best.cause.change(views)
+    before = float(agreements([views[i] for i in every[has]], usual).mean())
+    after = float(agreements([changed[i] for i in every[has]], best.hull).mean())
     if after < max(convincing, before + max(_LEAST_GAIN, _MENDED * (1 - before))):
         return None
-    return Diagnosis(cause, tuple(np.flatnonzero(has).tolist()), before, after)
+    unclear = every[~has & (np.abs(gains) <= _SAME)].tolist()
+    return Diagnosis(best.cause, tuple(every[has].tolist()), before, after, tuple(unclear))
+
+
+def _gains_of_all(best: _Trial, views: Sequence[View], large: Sequence[View]) -> np.ndarray:
+    """Return how much better all photos fit without the cause, (len(views),) float64.
+
+    Their `large` masks show small differences to a hull of the photos that are clear.
+    """
+    every = range(len(views))
+    has = _gains(best.cause.change(views), views, every, best.hull) > _BETTER
+    changed = best.cause.change(large)
+    mixed = _mixed(changed, large, every, has)
+    return _gains(changed, large, every, trial_hull([mixed[i] for i in _sample(mixed, 2 * _PHOTOS)]))
 
 
 def diagnose_inverted(views: Sequence[View]) -> Diagnosis | None:

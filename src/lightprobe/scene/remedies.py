@@ -30,6 +30,8 @@ def sentence(diagnosis: Diagnosis, photos: Sequence[Photo], orientations: Sequen
     who = which([photo.name for photo in chosen], total)
     fit = f"hull IoU {diagnosis.before:.2f} as they are, {diagnosis.after:.2f} without that"
     cause = diagnosis.cause
+    if diagnosis.unclear:
+        fit += f"; {listed([photos[i].name for i in diagnosis.unclear])} may have it, too, and fit either way"
     if cause.kind is Kind.TURNED:
         tags = {orientations[i] for i in diagnosis.photos}
         return _turned(cause, chosen, total, fit, tags, root)
@@ -45,8 +47,12 @@ def which(names: Sequence[str], total: int) -> str:
     """Return words for the photos `names` of `total`."""
     if len(names) == total:
         return f"all {total} photos"
-    listed = ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
-    return f"{len(names)} of {total} photos ({listed})"
+    return f"{len(names)} of {total} photos ({listed(names)})"
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return the first names, and how many are left."""
+    return ", ".join(names[:_NAMED]) + (f" and {len(names) - _NAMED} more" if len(names) > _NAMED else "")
 
 
 def files(paths: Sequence[Path], total: int, root: Path) -> str:

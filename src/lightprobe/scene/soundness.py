@@ -146,10 +146,11 @@ class _Findings:
         if inverted is not None:
             return [inverted]
         median = 0.0 if self.carving is None else self.carving.median
-        found = diagnose(views, is_little=is_little) if median <= _LOW else None
+        outliers = self._outliers(_OUTLIER)
+        is_low = median <= _LOW or len(outliers) > _TOLERATED * len(views)
+        found = diagnose(views, is_little=is_little) if is_low else None
         if found is not None:
             return [found]
-        outliers = self._outliers(_OUTLIER)
         return diagnose_outliers(views, outliers) if outliers and not is_little else []
 
     def _outliers(self, below: float) -> list[int]:
