@@ -357,9 +357,7 @@ def _intrinsics(views: Views) -> Iterator[Cause]:
     for factor in _ASPECTS:
         yield cause(
             "photos",
-            f"squeezed to {1 / factor:.2g} times their height"
-            if factor < 1
-            else f"stretched by {factor:.2g}",
+            f"{'flattened' if factor < 1 else 'narrowed'} by a factor of {max(factor, 1 / factor):.2g}",
             f"give the cameras a focal length of its own for rows, {factor:.2g} times that for columns (fl_y)",
             _lensed(_scaled(1, factor)),
         )

@@ -282,22 +282,31 @@ def diagnose_outliers(views: Sequence[View], outliers: Sequence[int]) -> list[Di
     by_cause: dict[int, list[tuple[int, float, float]]] = {}
     for index in outliers:
         before = views[index].agreement(hull)
-        scores = [changed[index].agreement(hull) for _, changed in trials]
-        best, after = int(np.argmax(scores)), max(scores)
-        rival = max([before, *(s for k, s in enumerate(scores) if k != best)])
-        gain = after - before
-        if (
-            after >= usual - 2 * _LEAST_GAIN
-            and gain >= 2 * _LEAST_GAIN
-            and after - rival >= _RIVAL * gain / 2
-        ):
+        best, after = _clearly_best(trials, index, hull, before)
+        if best is not None and after >= usual - 2 * _LEAST_GAIN:
             by_cause.setdefault(best, []).append((index, before, after))
-    return [
-        Diagnosis(
-            trials[k][0],
-            tuple(index for index, _, _ in photos),
-            float(np.mean([before for _, before, _ in photos])),
-            float(np.mean([after for _, _, after in photos])),
-        )
-        for k, photos in by_cause.items()
-    ]
+    return [_together(trials[best][0], photos) for best, photos in by_cause.items()]
+
+
+def _clearly_best(
+    trials: Sequence[tuple[Cause, Sequence[View]]], index: int, hull: Hull, before: float
+) -> tuple[int | None, float]:
+    """Return which of the causes, with the changed views, mends one photo, and its IoU then; None if none does.
+
+    A mirrored photo is rarer than a turned one, which looks alike where the object is symmetrical.
+    """
+    scores = np.array([changed[index].agreement(hull) for _, changed in trials])
+    rare = np.array([cause.kind is Kind.MIRRORED for cause, _ in trials])
+    best = int(np.argmax(scores - _APART * rare))
+    rivals = np.delete(scores - _APART * rare, best)
+    gain = float(scores[best]) - before
+    is_clear = gain >= 2 * _LEAST_GAIN and scores[best] - rivals.max(initial=before) >= min(
+        _RIVAL * gain, _APART
+    )
+    return (best if is_clear else None), float(scores[best])
+
+
+def _together(cause: Cause, photos: Sequence[tuple[int, float, float]]) -> Diagnosis:
+    """Return one diagnosis of photos, each an index with its IoU before and after."""
+    indices, before, after = zip(*photos, strict=True)
+    return Diagnosis(cause, indices, float(np.mean(before)), float(np.mean(after)))

@@ -120,9 +120,11 @@ class _Findings:
         share = sum(len(found.photos) for found in causes) / len(views)
         refusals = told if share > _TOLERATED else []
         doubts = [] if share > _TOLERATED else told
-        for words, is_fatal in ((few, is_useless), (side, self.carving is None)):
-            if words and not refusals:
-                (refusals if is_fatal else doubts).append(words)
+        little = [words for words in ("" if is_useless else side, few) if words]
+        if not refusals and (is_useless or self.carving is None):
+            refusals = little
+        elif not refusals:
+            doubts = [*doubts, *little]
         if not refusals and self.failure:
             refusals = [self.failure]
         if not refusals and not is_little and self.carving is not None:
