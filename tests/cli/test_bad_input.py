@@ -20,7 +20,7 @@ from tests.toy_scene import write_toy_scene
 
 @pytest.fixture
 def scene(tmp_path):
-    return write_toy_scene(tmp_path / "scene", train=4, test=1)
+    return write_toy_scene(tmp_path / "scene", train=8, test=1)
 
 
 def edit_json(path: Path, change) -> None:

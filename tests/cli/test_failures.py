@@ -14,7 +14,7 @@ from tests.toy_scene import write_toy_scene
 
 @pytest.fixture
 def scene(tmp_path):
-    return write_toy_scene(tmp_path / "scene", train=4, test=1)
+    return write_toy_scene(tmp_path / "scene", train=8, test=1)
 
 
 def test_a_defect_of_the_program_names_the_log_with_its_traceback(scene, tmp_path, capsys, monkeypatch):

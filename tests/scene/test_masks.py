@@ -159,7 +159,11 @@ def test_the_hull_names_the_photo_that_fits_only_when_turned(tmp_path, turned):
         orient(photo, 3)
     hints = inspect(root).hints
     assert len(hints) == 1
-    assert hints[0].startswith("view_05: the mask fits the other photos only when turned by 180 degrees")
+    subject = {
+        "mask": "The masks of 1 of 18 photos (view_05) are upright",
+        "camera": "The cameras of 1 of 18 photos",
+    }
+    assert hints[0].startswith(subject[turned])
     assert mask.exists()
 
 

@@ -203,7 +203,7 @@ def test_photos_without_pose_are_left_out(tmp_path):
     files = [f"{name}.jpg" for name in names(COUNT)][:-1]
     write_colmap_model(root / "sparse/0", files, views(COUNT)[:-1], binary=True)
     reading = read_folder(root, Problems())
-    assert [path.name for path in unposed_images(reading)] == ["view_03.jpg"]
+    assert [path.name for path in unposed_images(reading.root, reading.files)] == ["view_03.jpg"]
 
 
 def test_unique_names(tmp_path):

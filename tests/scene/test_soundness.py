@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.scene import load_scene
 from lightprobe.scene.inspect import inspect
+from lightprobe.scene.loading import check_scene
 from tests.scene.demo_shots import (
     SIDE,
     demo_shots,
@@ -21,6 +22,8 @@ from tests.scene.demo_shots import (
     turned_mask,
     write_shots,
 )
+from tests.scene.worlds import views, write_nerfstudio
+from tests.toy_scene import write_toy_scene
 
 Turn = Image.Transpose
 IOU = r"\(hull IoU 0\.\d\d as they are, 0\.\d\d without that\)"
@@ -441,12 +444,29 @@ def test_nothing_is_said_of_close_ups(tmp_path):
     """The object reaches the photo's border and is cut by it."""
 
     def near(shot):
-        shape = (9, 9, SIDE - 9, SIDE - 9)
+        shape = (12, 12, SIDE - 12, SIDE - 12)
         return replace(shot, photo=shot.photo.crop(shape), mask=shot.mask.crop(shape))
 
     shots, common = demo_shots(24)
     root = write_shots(tmp_path / "scene", [near(shot) for shot in shots], {"fl_x": common["fl_x"]})
     scene = inspect(root)
+    assert scene.problems == scene.hints == ()
+
+
+@pytest.mark.slow
+def test_nothing_is_said_of_a_held_out_photo_that_few_others_explain(tmp_path):
+    """The hull of eight photos is larger than the object where no photo looks, which is no photo's fault."""
+    scene = inspect(write_toy_scene(tmp_path / "scene", train=8, test=1))
+    assert min(photo.iou for photo in scene.photos) < 0.7
+    assert scene.problems == scene.hints == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [10, 14])
+def test_nothing_is_said_of_a_hull_that_few_photos_leave_too_large(tmp_path, count):
+    """Masks that it covers agree with the cameras; no mistake is guessed from a hull that is merely loose."""
+    scene = inspect(write_nerfstudio(tmp_path / "scene", views(count, zoom=1.5)))
+    assert scene.mean_iou < 0.7
     assert scene.problems == scene.hints == ()
 
 
@@ -469,6 +489,16 @@ def test_many_photos_from_one_side_are_told_as_such(tmp_path):
     shots, common = demo_shots(56)
     scene = inspect(write_shots(tmp_path / "scene", on_one_side(shots), common))
     told((*scene.problems, *scene.hints), r"All 1\d photos to train on look at the object from one side: .*")
+
+
+@pytest.mark.slow
+def test_a_camera_at_rest_is_told_as_such(tmp_path):
+    """The object was turned on a table, and the cameras are those of the background."""
+    problems, _ = found(tmp_path, lambda shots: [replace(shot, pose=shots[0].pose) for shot in shots])
+    told(
+        problems,
+        r"All 18 cameras of the photos to train on stand at one place, .*`lightprobe prepare` finds .*",
+    )
 
 
 @pytest.mark.slow
@@ -514,7 +544,7 @@ def test_a_scene_that_cannot_be_right_is_not_loaded_for_a_training(tmp_path):
     root = write_shots(tmp_path / "scene", [inverted(shot) for shot in shots], common)
     assert len(load_scene(root).train) == 18
     with pytest.raises(InputError, match=r"cannot be trained on\. The masks of all 20 photos look inverted"):
-        load_scene(root, check=True)
+        check_scene(load_scene(root))
 
 
 @pytest.mark.slow
@@ -523,7 +553,7 @@ def test_a_doubtful_scene_is_loaded_with_a_warning(tmp_path):
     shots[5] = inverted(shots[5])
     root = write_shots(tmp_path / "scene", shots, common)
     with pytest.warns(LightprobeWarning) as caught:
-        load_scene(root, check=True)
+        check_scene(load_scene(root))
     assert [str(one.message) for one in caught] == list(inspect(root).hints)
     assert "1 of 20 photos (p05) look inverted" in str(caught[0].message)
 

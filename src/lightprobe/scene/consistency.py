@@ -71,7 +71,7 @@ def trial_hull(views: Sequence[View], share: float | None = None) -> Hull | None
 
 
 def agreements(views: Sequence[View], hull: Hull | None) -> np.ndarray:
-    """Return the IoU of each view and the hull, (len(views),) float64; 0 without a hull."""
+    """Return the IoU of each of N views and the hull, (N,) float64; 0 without a hull."""
     return np.array([0.0 if hull is None else view.agreement(hull) for view in views])
 
 

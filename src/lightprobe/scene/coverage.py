@@ -9,6 +9,9 @@ from lightprobe.scene.camera import Camera, up_of
 FEWEST, ENOUGH = 8, 25  # photos: below, most of the object is guessed; below, parts stay unseen
 _NEEDED = 3  # photos to train on: what two masks have in common says nothing about a shape
 _ONE_SIDE = 180.0  # degrees around the object without a camera
+_APART = (
+    1e-3  # distance of cameras from each other, in theirs from the object, below which they are at one place
+)
 _CONE = 40.0  # degrees from the middle direction, within which all cameras look from one side
 
 
@@ -31,8 +34,21 @@ def too_few(total: int, count: int) -> tuple[str, bool]:
     )
 
 
+def at_one_place(cameras: Sequence[Camera], center: np.ndarray) -> str:
+    """Return a sentence about cameras that all stand at one place away from `center` (3,), empty otherwise."""
+    positions = np.stack([camera.position for camera in cameras])
+    distance = float(np.linalg.norm(positions - center, axis=1).mean())
+    if np.ptp(positions, axis=0).max() > _APART * distance:
+        return ""
+    return (
+        f"All {len(cameras)} cameras of the photos to train on stand at one place, from which no shape can be told; take "
+        "photos all around the object. If it was turned before a camera at rest, `lightprobe prepare` finds the cameras "
+        "around it."
+    )
+
+
 def one_sided(cameras: Sequence[Camera], center: np.ndarray) -> str:
-    """Return a sentence about cameras that all look at `center` (3,) from one side, empty where they do not."""
+    """Return a sentence about cameras that all look at `center` (3,) from one side, empty otherwise."""
     outward = np.stack([camera.position - center for camera in cameras])
     outward = outward / np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-12)
     gap = _widest_gap(outward, up_of(cameras))

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lightprobe.scene.causes import Cause, Kind, Scope, causes, inverted, taken_from
+from lightprobe.scene.causes import Cause, Kind, Scope, inverted, pose_causes, taken_from
 from lightprobe.scene.consistency import View, agreements, rim, trial_hull
 from lightprobe.scene.hull import Hull
+from lightprobe.scene.intrinsic_causes import intrinsic_causes
 from lightprobe.scene.normalise import nearest_point
 
 _PHOTOS = 24  # that causes are tried on
@@ -111,7 +112,7 @@ def _candidates(views: Sequence[View], sample: Sequence[int]) -> list[tuple[Caus
 
     Small pictures and coarse hulls tell which these are.
     """
-    found, small = causes(views), [view.within(_SMALL) for view in views]
+    found, small = [*pose_causes(views), *intrinsic_causes(views)], [view.within(_SMALL) for view in views]
     every = np.ones(len(sample), bool)
     trials = [_tried(cause, small, sample, every) for cause in found if cause.scope is not Scope.SOME]
     trials.sort(key=lambda trial: -trial.mean)
@@ -276,7 +277,7 @@ def diagnose_outliers(views: Sequence[View], outliers: Sequence[int]) -> list[Di
     if hull is None:
         return []
     usual = float(np.median(agreements(chosen, hull)))
-    found = [cause for cause in causes(views) if cause.scope is not Scope.ALL]
+    found = [cause for cause in pose_causes(views) if cause.scope is not Scope.ALL]
     found += [inverted(), *(taken_from(views, k) for k in outliers[:_MOST_OUTLIERS])]
     trials = [(cause, cause.change(views)) for cause in found]
     by_cause: dict[int, list[tuple[int, float, float]]] = {}

@@ -13,9 +13,10 @@ from lightprobe.scene.camera import Similarity
 from lightprobe.scene.consistency import overlap
 from lightprobe.scene.findings import converted_encodings, encoding_sentences, exposures, numbered, sizes
 from lightprobe.scene.frame import Problems, Split
-from lightprobe.scene.loading import THUMBNAIL, Reading, in_parallel, judged, read_folder, unposed_sentences
+from lightprobe.scene.loading import THUMBNAIL, Reading, in_parallel, read_folder, unposed_sentences
 from lightprobe.scene.masks import without_background
 from lightprobe.scene.pixels import load_thumbnail
+from lightprobe.scene.soundness import judge
 
 
 @dataclass(frozen=True)
@@ -97,7 +98,8 @@ def inspect(path: Path) -> Inspection:
     every = [photo for _, photo in reading.all_photos()]
     problems.messages += encoding_sentences(every)
     problems.messages += [sentence] if (sentence := without_background(alphas)[1]) else []
-    found = judged(reading, alphas)
+    others = [photo for split, photo in reading.all_photos() if split is not Split.TRAIN]
+    found = judge(reading.photos[Split.TRAIN], others, alphas, reading.root)
     shown = tuple(replace(photo, silhouette=found.silhouettes.get(photo.name)) for photo in photos)
     together = Counter(photo.light_group for photo in every if photo.light_group is not None)
     return Inspection(
@@ -106,7 +108,7 @@ def inspect(path: Path) -> Inspection:
         shown,
         found.similarity,
         (*problems.messages, *found.refusals),
-        (*unposed_sentences(reading), *found.doubts),
+        (*unposed_sentences(reading.root, reading.files), *found.doubts),
         converted_encodings(photo.encoding for photo in every),
         tuple(path for photo in every for path in (photo.image_path, photo.mask_path) if path is not None),
         tuple(count for count in together.values() if count > 1),

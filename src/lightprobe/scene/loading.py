@@ -2,7 +2,7 @@
 
 import os
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +19,7 @@ from lightprobe.scene.masks import MaskFolder, without_background
 from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
-from lightprobe.scene.soundness import Soundness, judge
+from lightprobe.scene.soundness import judge
 
 T = TypeVar("T")
 
@@ -46,29 +46,24 @@ class Reading:
         return [(split, photo) for split, photos in self.photos.items() for photo in photos]
 
 
-def load_scene(path: Path, *, check: bool = False) -> Scene:
+def load_scene(path: Path) -> Scene:
     """Read the scene in folder `path`, whichever of the known layouts it has.
 
     Every camera, image header and mask is checked. Raises `InputError` at the first thing that is missing,
     damaged or contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be
-    trained on, but not well. check: whether masks and cameras are compared, too, as `inspect` does, which takes
-    seconds: raises `InputError` where no object can come of them, and warns of what is doubtful.
+    trained on, but not well.
     """
     problems = Problems()
     reading = read_folder(Path(path), problems)
     photos = [photo for _, photo in reading.all_photos()]
-    found = in_parallel(lambda photo: load_alpha(photo, THUMBNAIL), photos)
+    found = in_parallel(_thumbnail_mask, photos)
     masks = {photo.name: result() for photo, result in found}
     bare, sentence = without_background(masks)
     if 2 * bare >= len(masks) > 0:  # a close-up of the object alone is possible, but not of most photos
         raise InputError(f"{reading.root}: {sentence}")
     if bare:
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
-    found = judged(reading, masks) if check else None
-    if found is not None and found.refusals:
-        raise InputError(f"{reading.root} cannot be trained on. {found.refusals[0]}")
-    doubts = () if found is None else (*unposed_sentences(reading), *found.doubts)
-    for sentence in (*encoding_sentences(photos), *doubts):
+    for sentence in encoding_sentences(photos):
         warnings.warn(sentence, LightprobeWarning, stacklevel=2)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
@@ -113,27 +108,34 @@ def in_parallel(
             pool.shutdown(cancel_futures=True)
 
 
-def judged(reading: Reading, alphas: Mapping[str, np.ndarray]) -> Soundness:
-    """Return what masks and cameras of a scene tell about each other; alphas: its small masks (h, w) by name."""
-    train = reading.photos[Split.TRAIN]
-    others = [photo for split, photo in reading.all_photos() if split is not Split.TRAIN]
-    return judge(train, others, alphas, reading.root)
+def check_scene(scene: Scene) -> None:
+    """Compare the masks and cameras of a scene before it is trained on, as `inspect` does.
+
+    Raises `InputError` where no object can come of them, and warns of what is doubtful.
+    """
+    photos = [*scene.train, *scene.test, *scene.relight]
+    masks = {photo.name: result() for photo, result in in_parallel(_thumbnail_mask, photos)}
+    found = judge(scene.train, photos[len(scene.train) :], masks, scene.root)
+    if found.refusals:
+        raise InputError(f"{scene.root} cannot be trained on. {found.refusals[0]}")
+    for sentence in (*unposed_sentences(scene.root, [photo.image_path for photo in photos]), *found.doubts):
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
 
 
-def unposed_sentences(reading: Reading) -> list[str]:
-    """Return a sentence about the photos without cameras, if there are any."""
-    left = unposed_images(reading)
+def unposed_sentences(root: Path, files: Iterable[Path]) -> list[str]:
+    """Return a sentence about the photos in `images/` of the scene `root` that are not among `files`, if any."""
+    left = unposed_images(root, files)
     if not left:
         return []
     return [f"{len(left)} photos in images/ have no camera and are left out, such as {left[0].name}."]
 
 
-def unposed_images(reading: Reading) -> list[Path]:
-    """Return the files of `images/` that no camera belongs to."""
-    folder = reading.root / "images"
+def unposed_images(root: Path, files: Iterable[Path]) -> list[Path]:
+    """Return the images in `images/` of the scene `root` that are not among `files`, which have a camera."""
+    folder = root / "images"
     if not folder.is_dir():
         return []
-    known = {path.resolve() for path in reading.files}  # `images` may be a link to elsewhere
+    known = {path.resolve() for path in files}  # `images` may be a link to elsewhere
     return [path for path in list_images(folder) if path.resolve() not in known]
 
 
@@ -141,6 +143,11 @@ def has_cameras(root: Path) -> bool:
     """Return whether a folder holds the cameras of one of the layouts that are read."""
     names = (transforms.TRAIN, transforms.SINGLE, nerd.POSES)
     return any((root / name).is_file() for name in names) or colmap.find_model(root) is not None
+
+
+def _thumbnail_mask(photo: Photo) -> np.ndarray:
+    """Return the coverage of a photo, (h, w) float32, small."""
+    return load_alpha(photo, THUMBNAIL)
 
 
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:

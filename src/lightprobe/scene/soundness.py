@@ -13,8 +13,8 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_orientation
 from lightprobe.scene.camera import Similarity
-from lightprobe.scene.consistency import View, fitted_hull, overlap, silhouette
-from lightprobe.scene.coverage import FEWEST, one_sided, too_few
+from lightprobe.scene.consistency import View, agreements, fitted_hull, overlap, silhouette, trial_hull
+from lightprobe.scene.coverage import FEWEST, at_one_place, one_sided, too_few
 from lightprobe.scene.diagnosis import Diagnosis, diagnose, diagnose_inverted, diagnose_outliers
 from lightprobe.scene.normalise import ROUGH_AGREEMENT, find_similarity, first_guess
 from lightprobe.scene.photo import Photo
@@ -23,6 +23,8 @@ from lightprobe.scene.remedies import sentence, which
 _RESOLUTION = 128  # voxels along an edge of the hull that masks are compared with
 _LOW, _POOR, _HOPELESS = 0.9, 0.75, 0.5  # median IoU: sought for a cause; looked at; of no use
 _OUTLIER, _FAR_OUT, _CLEARLY_BETTER = 0.1, 0.2, 0.1  # IoU
+_UNCOVERED = 0.05  # share of the mask of a wrong photo that the hull of the others does not cover, at least
+_EATEN = 0.03  # likewise of the usual mask where masks and cameras disagree
 _TOLERATED = 0.1  # share of photos that may be wrong: a hull bears with them
 
 
@@ -112,30 +114,32 @@ class _Findings:
         orientations = [read_orientation(photo.image_path) or 1 for photo in self.photos]
         pairs = zip(self.photos, orientations, strict=True)
         views = [View.of(photo.name, photo.camera, self.alphas[photo.name], tag) for photo, tag in pairs]
+        cameras, center = [photo.camera for photo in self.train], self._center()
         few, is_useless = too_few(len(self.photos), len(self.train))
-        side = one_sided([photo.camera for photo in self.train], self._center())
+        place = "" if is_useless else at_one_place(cameras, center)
+        if is_useless or place:
+            return (place or few,), ()
+        side = one_sided(cameras, center)
         is_little = len(self.train) < FEWEST or bool(side)
-        causes = [] if is_useless else self._causes(views, is_little=is_little)
+        causes = self._causes(views, is_little=is_little)
         told = [sentence(found, self.photos, orientations, self.root) for found in causes]
         share = sum(len(found.photos) for found in causes) / len(views)
         refusals = told if share > _TOLERATED else []
         doubts = [] if share > _TOLERATED else told
-        little = [words for words in ("" if is_useless else side, few) if words]
-        if not refusals and (is_useless or self.carving is None):
+        little = [words for words in (side, few) if words]
+        if not refusals and little and self.failure and _agree(views):
             refusals = little
+        elif not refusals and self.failure:
+            refusals = [self.failure]
         elif not refusals:
             doubts = [*doubts, *little]
-        if not refusals and self.failure:
-            refusals = [self.failure]
         if not refusals and not is_little and self.carving is not None:
             refusals, unexplained = self._unexplained({i for found in causes for i in found.photos})
             doubts = [*doubts, *unexplained]
         return tuple(refusals), tuple(doubts)
 
     def _center(self) -> np.ndarray:
-        """Return the object's middle, (3,), or what the cameras stand around."""
-        if self.carving is not None:
-            return self.carving.similarity.center
+        """Return the point (3,) that the masks point to: a hull of few photos may reach far to one side."""
         cameras = [photo.camera for photo in self.train]
         try:
             return first_guess(cameras, [self.alphas[photo.name] for photo in self.train])[0]
@@ -147,27 +151,45 @@ class _Findings:
         inverted = diagnose_inverted(views)
         if inverted is not None:
             return [inverted]
-        median = 0.0 if self.carving is None else self.carving.median
         outliers = self._outliers(_OUTLIER)
-        is_low = median <= _LOW or len(outliers) > _TOLERATED * len(views)
-        found = diagnose(views, is_little=is_little) if is_low else None
+        if self.carving is None:
+            is_asked = not (is_little and _agree(views))
+        else:
+            is_asked = self._disagrees(_LOW) or len(outliers) > _TOLERATED * len(views)
+        found = diagnose(views, is_little=is_little) if is_asked else None
         if found is not None:
             return [found]
         return diagnose_outliers(views, outliers) if outliers and not is_little else []
 
+    def _disagrees(self, low: float) -> bool:
+        """Tell whether the usual agreement is at most `low`, and not because few photos leave the hull too large."""
+        uncovered = float(np.median([self._uncovered(photo.name) for photo in self.photos]))
+        return self.carving is not None and self.carving.median <= low and uncovered > _EATEN
+
     def _outliers(self, below: float) -> list[int]:
-        """Return the indices of photos whose agreement lies by more than `below` under the usual one."""
+        """Return the indices of photos whose agreement lies by more than `below` under the usual one.
+
+        A hull that is larger than a mask blames no photo: few others show that there is nothing.
+        """
         if self.carving is None:
             return []
         usual = self.carving.median - below
-        return [i for i, photo in enumerate(self.photos) if self.carving.ious[photo.name] < usual]
+        names = [photo.name for photo in self.photos]
+        return [
+            i for i, n in enumerate(names) if self.carving.ious[n] < usual and self._uncovered(n) > _UNCOVERED
+        ]
+
+    def _uncovered(self, name: str) -> float:
+        """Return the share of a photo's mask that the hull does not cover."""
+        mask, shown = self.alphas[name] >= 0.5, self.carving.silhouettes[name] if self.carving else None
+        return 0.0 if shown is None or not mask.any() else float((mask & ~shown).sum() / mask.sum())
 
     def _unexplained(self, explained: set[int]) -> tuple[list[str], list[str]]:
         """Return sentences about a disagreement without a known cause: of all photos, of single ones."""
         if self.carving is None:
             return [], []
         median = self.carving.median
-        if median < _POOR and not explained:
+        if self._disagrees(_POOR) and not explained:
             bad = (
                 f"Masks and cameras agree badly (median hull IoU {median:.2f}), and no usual mistake explains it: look "
                 "at the overlay sheet of `lightprobe inspect` for wrong poses or masks."
@@ -182,3 +204,8 @@ class _Findings:
             f"Mask or camera of {which(pairs, len(self.photos))} disagrees with the other photos (median {median:.2f})"
             ": estimate these cameras again, correct the masks, or leave the photos out."
         ]
+
+
+def _agree(views: Sequence[View]) -> bool:
+    """Tell whether a hull fits the masks even if it has no end, as that of photos from one side."""
+    return float(np.median(agreements(views, trial_hull(views)))) >= _POOR
