@@ -169,15 +169,16 @@ class _Findings:
     def _outliers(self, below: float) -> list[int]:
         """Return the indices of photos whose agreement lies by more than `below` under the usual one.
 
-        A hull that is larger than a mask blames no photo: few others show that there is nothing.
+        A hull that is larger than a mask blames no photo where few photos leave it so, and no held-out photo, which
+        did not carve it.
         """
         if self.carving is None:
             return []
-        usual = self.carving.median - below
+        usual, carvers = self.carving.median - below, {photo.name for photo in self.train}
+        is_tight = self.carving.median > _LOW
         names = [photo.name for photo in self.photos]
-        return [
-            i for i, n in enumerate(names) if self.carving.ious[n] < usual and self._uncovered(n) > _UNCOVERED
-        ]
+        low = [(i, name) for i, name in enumerate(names) if self.carving.ious[name] < usual]
+        return [i for i, n in low if self._uncovered(n) > _UNCOVERED or (is_tight and n in carvers)]
 
     def _uncovered(self, name: str) -> float:
         """Return the share of a photo's mask that the hull does not cover."""
