@@ -3,6 +3,7 @@
 import pytest
 
 from tests.cli.commands import fails, succeed
+from tests.scene.demo_shots import demo_shots, inverted, write_shots
 from tests.scene.plain_world import take
 from tests.scene.worlds import views, write_nerd
 
@@ -45,3 +46,17 @@ def test_a_run_is_no_folder_of_photos(tmp_path, capsys):
     run = take(tmp_path / "run", 10)
     (run / "config.json").write_text("{}")
     assert fails(["inspect", run], capsys, ["is a run and no folder of photos"]) == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", ["train", "fit"])
+def test_a_training_refuses_what_inspect_calls_a_problem_before_any_work(
+    tmp_path, capsys, monkeypatch, command
+):
+    monkeypatch.chdir(tmp_path)
+    shots, common = demo_shots()
+    scene = write_shots(tmp_path / "scene", [inverted(shot) for shot in shots], common)
+    fails(["inspect", scene], capsys, ["scene cannot be used as it is", "1 problem(s)"])
+    words = ["cannot be trained on. The masks of all 20 photos look inverted"]
+    assert fails([command, scene, "-o", tmp_path / "run"], capsys, words) == 2
+    assert not (tmp_path / "run").exists()

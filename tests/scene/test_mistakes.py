@@ -110,7 +110,7 @@ CASES = {
     ),
     "masks transposed": (
         every(turned(Turn.TRANSPOSE)),
-        r"All 20 photos look mirrored left to right against the cameras, and turned by 90 degrees .*",
+        r"All 20 photos look mirrored left to right, and turned by 90 degrees (anti)?clockwise against the cameras .*",
     ),
     "OpenCV axes": (
         every(posed(lambda m: m @ OPENCV)),
