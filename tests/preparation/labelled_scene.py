@@ -47,7 +47,7 @@ def labelled_scene(folder: Path, given: int | None = None) -> tuple[Labelled, di
         odds = {photo: np.where(shape, np.float32(3), np.float32(-3)) for photo, shape in shapes.items()}
         return Labelling(hull, odds, shapes)
 
-    labelled = kept_labelled(cache, "k", names, views, dict.fromkeys(views, 0.0), make)
+    labelled = kept_labelled(cache, "k", names, views, make)
     for photo, view in views.items():
         (folder / "images").mkdir(exist_ok=True)
         Image.fromarray(view.color).save(folder / "images" / f"{names[photo]}.png")

@@ -188,7 +188,7 @@ def test_a_scene_without_what_was_kept_is_one_sentence(scene, damage):
     if damage == "report":
         (folder / "prepare.json").write_text(json.dumps({**report(folder), "warnings": 3}))
     else:
-        (folder / ".prepare" / {"labelling": "labelling.npz", "color": "photo-p_2.npz"}[damage]).unlink()
+        (folder / ".prepare" / {"labelling": "voxels.npz", "color": "photo-p_2.npz"}[damage]).unlink()
     before = files(folder)
     with pytest.raises(InputError, match=r"give its prepare command once more|prepare the scene anew"):
         click_mask(folder, "p_0", (0.5, 0.5), False, lambda stage: None)

@@ -154,7 +154,7 @@ def test_photos_of_another_reconstruction_are_told_from_photos_that_fit_nothing(
     kept = SimpleNamespace(apart=((1, 2, 3), (3, 4)), solution=solution, share={}, agreement={}, fit=fit)
     choice = SimpleNamespace(kept=kept, trap=None)
     view = View(ring_cameras(1)[0], np.zeros((SIZE, SIZE, 3), np.uint8), None, False)
-    labelled = Labelled({0: "0.png", 1: "1.png"}, {0: view, 1: view}, {}, None)
+    labelled = Labelled({0: "0.png", 1: "1.png"}, {0: view, 1: view}, None)
     cutting = Cutting(choice, labelled, Masks({}, {}, {}), None)
     lost = _lost(photos, seen, {}, cutting)
     assert lost["2.png"].startswith("fits 1.png and 1 more, apart")
@@ -177,4 +177,4 @@ def test_a_found_mask_is_held_against_the_hint_that_it_came_from():
     views[1] = View(views[1].camera, views[1].color, hint, False)
     views[2] = View(views[2].camera, views[2].color, hint, True)  # given, not found: nothing to compare
     masks = Masks(dict.fromkeys(views, found), {}, {})
-    assert hint_overlaps(Labelled({}, views, {}, None), masks) == {1: pytest.approx(0.5)}
+    assert hint_overlaps(Labelled({}, views, None), masks) == {1: pytest.approx(0.5)}

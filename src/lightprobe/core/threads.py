@@ -10,11 +10,17 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 
 
-def in_threads(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+def in_threads(
+    work: Callable[[Item], Result], items: Iterable[Item], done: Callable[[], None] = lambda: None
+) -> list[Result]:
     """Return what `work` makes of each item, in order, worked on by as many threads as PyTorch may use.
 
     The error of the first item that fails is raised. Numba's loops have threads of their own and are not for
-    `work`.
+    `work`. done: called in the calling thread for each item that is finished.
     """
+    found = []
     with ThreadPoolExecutor(torch.get_num_threads()) as pool:
-        return list(pool.map(work, items))
+        for result in pool.map(work, items):
+            found.append(result)
+            done()
+    return found

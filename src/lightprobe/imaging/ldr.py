@@ -127,9 +127,7 @@ def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None
     for top in range(0, len(mask), step):
         grey[top : top + step] = np.clip(np.nan_to_num(mask[top : top + step]) * 255 + 0.5, 0, 255)
     picture = Image.fromarray(grey)
-    if size is None or size == mask.shape:
-        picture = picture.convert("RGB")
-    else:  # of a photo too large to be worked on: one byte a pixel
+    if size is not None and size != mask.shape:
         picture = picture.resize((size[1], size[0]), Image.Resampling.BILINEAR)
     with atomic_path(Path(path)) as temporary:
         picture.save(temporary, format="PNG", exif=upright_exif())

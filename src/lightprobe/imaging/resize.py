@@ -57,7 +57,10 @@ def bilinear_grid(samples: np.ndarray, rows: np.ndarray, columns: np.ndarray) ->
         _neighbours(places, length) for places, length in zip((rows, columns), samples.shape, strict=False)
     )
     strips = samples[above] * (1 - down[:, None, None]) + samples[below] * down[:, None, None]
-    return strips[:, left] * (1 - across[:, None]) + strips[:, right] * across[:, None]
+    beside = (
+        np.take(strips, columns, axis=1) for columns in (left, right)
+    )  # several times as fast as [:, left]
+    return next(beside) * (1 - across[:, None]) + next(beside) * across[:, None]
 
 
 def _neighbours(places: np.ndarray, length: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

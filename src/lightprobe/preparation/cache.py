@@ -18,7 +18,7 @@ from lightprobe.core.files import named_file, write_bytes
 
 HIDDEN = ".prepare"  # the folder in a scene that holds the steps
 _LARGEST = 2**32  # bytes of a step's arrays: what is more is no step of ours
-_VERSION = 9  # of all steps: raised when what they keep, or how they find it, changes
+_VERSION = 10  # of all steps: raised when what they keep, or how they find it, changes
 
 
 Kept = TypeVar("Kept")

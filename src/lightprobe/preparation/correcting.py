@@ -11,13 +11,14 @@ import numpy as np
 from lightprobe.core.errors import InputError
 from lightprobe.core.files import disk_errors, named_file, write_json
 from lightprobe.core.stored import read_object
-from lightprobe.imaging import read_mask, resize_area, write_mask
+from lightprobe.imaging import read_mask, write_mask
 from lightprobe.preparation.cache import HIDDEN, Cache
 from lightprobe.preparation.corrections import clicked_region
-from lightprobe.preparation.labelled import Labelled, enlarged, masks_of, read_labelled, replaced, signs_at
+from lightprobe.preparation.labelled import Labelled, masks_of, read_labelled, signs_at
 from lightprobe.preparation.mask_files import forget_corrections, keep_clicks, own_corrections, write_masks
 from lightprobe.preparation.mask_report import mask_report, mask_warnings, write_sheet
 from lightprobe.preparation.preparing import locked_scene
+from lightprobe.preparation.undistortion import photo_mask, pinhole_place, replaced, small_mask
 
 Tell = Callable[[str], None]
 
@@ -34,17 +35,17 @@ def click_mask(scene: Path, name: str, at: tuple[float, float], is_object: bool,
     with _locked(scene):
         kept = _Kept.read(scene)
         photo, path = kept.photo(name), named_file(scene / "masks", name, ".png")
-        color, evidence = kept.labelled.views[photo].color, kept.labelled.labelling.evidence[photo]
+        view, evidence = kept.labelled.views[photo], kept.labelled.labelling.evidence[photo]
         fine = read_mask(path)
-        small = resize_area(fine, *color.shape[:2]) >= 0.5
+        small = small_mask(fine, view.camera)
         tell("finding what belongs together")
-        region = clicked_region(color, evidence, small, at, is_object)
+        region = clicked_region(view.color, evidence, small, pinhole_place(at, view.camera), is_object)
         corrections = own_corrections([name], scene)
         with disk_errors(scene):
             if name in corrections.painted:  # it stays as fine as it is where the click changes nothing
-                write_mask(path, replaced(fine, small ^ region, region))
+                write_mask(path, replaced(fine, small ^ region, region, view.camera))
             else:
-                signs = signs_at(corrections.clicked.get(name, np.zeros(small.shape)), color)
+                signs = signs_at(corrections.clicked.get(name, np.zeros(small.shape)), view.color)
                 keep_clicks(scene, name, np.where(region, np.int8(1 if is_object else -1), signs))
         kept.correct(tell)
 
@@ -141,8 +142,8 @@ class _Kept:
         path = named_file(self.scene / "masks", name, ".png")
         if view.fixed and view.given is not None and path.is_file():
             fine = read_mask(path)
-            return replaced(fine, mask, mask != (resize_area(fine, *mask.shape) >= 0.5))
-        return enlarged(mask, *self.sizes[name])
+            return replaced(fine, mask, mask != small_mask(fine, view.camera), view.camera)
+        return photo_mask(mask, view.camera, *self.sizes[name])
 
 
 def _sizes(scene: Path) -> dict[str, tuple[int, int]]:

@@ -41,8 +41,9 @@ class Corrections:
 
     painted: Mapping[str, np.ndarray] = field(
         default_factory=dict
-    )  # masks (H, W) bool, which stay as they are
-    clicked: Mapping[str, np.ndarray] = field(default_factory=dict)  # (h, w) int8: 1 object, -1 not, 0 untold
+    )  # masks (H, W) bool of the photos' own pixels, which stay as they are
+    # (h, w) int8 of the pinholes' pictures: 1 object, -1 not, 0 untold
+    clicked: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     @property
     def names(self) -> set[str]:

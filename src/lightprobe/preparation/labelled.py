@@ -1,5 +1,6 @@
 """The object's voxels and what photos show of it, kept so that a correction of masks starts from them."""
 
+import json
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 
@@ -9,15 +10,14 @@ from lightprobe.core.threads import in_threads
 from lightprobe.imaging import resize_area
 from lightprobe.preparation.cache import Cache, array_key, key_of
 from lightprobe.preparation.corrections import Change, Corrections, corrected
-from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.outlines import agreement, outlined_mask
 from lightprobe.preparation.salient_object import odds_of_bytes, odds_to_bytes
+from lightprobe.preparation.undistortion import small_mask, undistorted
 from lightprobe.preparation.voxel_labelling import Labelling, View
-from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
-_STEP = "labelling"
+_STEP = "voxels"
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,6 @@ class Labelled:
 
     names: Mapping[int, str]
     views: Mapping[int, View]
-    bends: Mapping[int, float]  # of each photo's lens, as in `Solution.distortion`
     labelling: Labelling
 
 
@@ -36,7 +35,7 @@ class Masks:
 
     masks: dict[int, np.ndarray]  # (h, w) bool, small, as through a pinhole
     agreement: dict[int, float]  # as in `outlines.agreement`
-    keys: dict[int, str]  # of all that each mask depends on
+    keys: dict[int, str]  # of all that each mask, in its photo's pixels, depends on
 
 
 def kept_labelled(
@@ -44,7 +43,6 @@ def kept_labelled(
     key: str,
     names: Mapping[int, str],
     views: Mapping[int, View],
-    bends: Mapping[int, float],
     make: Callable[[], Labelling],
 ) -> Labelled:
     """Return photos with the labelling that is kept under `key`, or that `make` makes."""
@@ -54,9 +52,7 @@ def kept_labelled(
         found = {"occupancy": made.hull.occupancy, "lo": made.hull.lo, "hi": made.hull.hi}
         found["photos"] = np.array(list(views), np.int64)
         found["names"] = np.array([names[photo] for photo in views])
-        found["bends"] = np.array([bends[photo] for photo in views])
-        found["poses"] = np.stack([view.camera.camera_to_world for view in views.values()])
-        found["lenses"] = np.array([_lens(view.camera) for view in views.values()])
+        found["cameras"] = np.array([json.dumps(view.camera.to_json()) for view in views.values()])
         found["fixed"] = np.array([view.fixed for view in views.values()])
         for photo, view in views.items():
             found[f"shape-{photo}"] = made.shapes[photo]
@@ -65,7 +61,7 @@ def kept_labelled(
                 found[f"given-{photo}"] = view.given
         return found
 
-    return Labelled(names, views, bends, _labelling(cache.arrays(_STEP, key, arrays)))
+    return Labelled(names, views, _labelling(cache.arrays(_STEP, key, arrays)))
 
 
 def is_kept(cache: Cache, key: str) -> bool:
@@ -81,22 +77,16 @@ def read_labelled(cache: Cache, key: str) -> Labelled | None:
         return None
     photos = [int(photo) for photo in kept["photos"]]
     names = {photo: str(name) for photo, name in zip(photos, kept["names"], strict=True)}
-    bends = {photo: float(k) for photo, k in zip(photos, kept["bends"], strict=True)}
     views = {}
     for row, photo in enumerate(photos):
         color = cache.newest(f"photo-{names[photo]}", "color")
         height, width = kept[f"odds-{photo}"].shape
         if color is None or color.shape[:2] != (height, width):
             return None
-        fx, fy, cx, cy = (float(value) for value in kept["lenses"][row])
-        camera = Camera(kept["poses"][row], fx, fy, cx, cy, width, height)
-        color = straight(color, camera, bends[photo])
+        camera = Camera.from_json(json.loads(str(kept["cameras"][row])), source=str(cache.folder))
+        color = undistorted(color, camera)
         views[photo] = View(camera, color, kept.get(f"given-{photo}"), bool(kept["fixed"][row]))
-    return Labelled(names, views, bends, _labelling(kept))
-
-
-def _lens(camera: Camera) -> tuple[float, float, float, float]:
-    return camera.fx, camera.fy, camera.cx, camera.cy
+    return Labelled(names, views, _labelling(kept))
 
 
 def _labelling(kept: Mapping[str, np.ndarray]) -> Labelling:
@@ -110,20 +100,21 @@ def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Mask
 
     Masks that come out as before are kept.
     """
-    painted = _by_index(labelled, corrections.painted)
-    clicked = _by_index(labelled, corrections.clicked)
+    views = labelled.views
+    painted = {i: small_mask(told, views[i].camera) for i, told in _told(labelled, corrections.painted)}
+    clicked = {i: signs_at(told, views[i].color) for i, told in _told(labelled, corrections.clicked)}
     first = _outlines(labelled, labelled.labelling, painted, cache, "uncorrected")
-    changes = {photo: Change.painted(first[photo].mask, mask > 0) for photo, mask in painted.items()}
+    changes = {photo: Change.painted(first[photo].mask, mask) for photo, mask in painted.items()}
     changes |= {photo: Change.clicked(signs) for photo, signs in clicked.items() if photo not in painted}
-    labelling = corrected(labelled.labelling, labelled.views, changes)
-    found = _outlines(labelled, labelling, labelled.views, cache, "mask")
+    labelling = corrected(labelled.labelling, views, changes)
+    found = _outlines(labelled, labelling, views, cache, "mask")
     for photo, change in changes.items():
-        own = painted[photo] > 0 if photo in painted else (found[photo].mask | change.added) & ~change.removed
+        own = painted[photo] if photo in painted else (found[photo].mask | change.added) & ~change.removed
         found[photo] = _Outline(own, found[photo].agreement, key_of(array_key(own)))
     return Masks(
         {photo: each.mask for photo, each in found.items()},
         {photo: each.agreement for photo, each in found.items()},
-        {photo: each.key for photo, each in found.items()},
+        {photo: key_of(each.key, views[photo].camera.to_json().get("lens")) for photo, each in found.items()},
     )
 
 
@@ -156,33 +147,12 @@ def _outlines(
     return dict(zip(photos, in_threads(work, photos), strict=True))
 
 
-def enlarged(mask: np.ndarray, height: int, width: int) -> np.ndarray:
-    """Return a mask (h, w) at another size, (H, W) float32, with smooth outlines where it grows."""
-    if mask.shape[0] >= height:
-        return resize_area(mask.astype(np.float32), height, width)
-    cv2 = opencv_library()
-    soft = cv2.GaussianBlur(mask.astype(np.float32), (0, 0), 0.7)  # as wide as a pixel: it rounds the steps
-    large = cv2.resize(soft, (width, height), interpolation=cv2.INTER_CUBIC)
-    return np.clip((large - 0.5) * height / mask.shape[0] + 0.5, 0, 1).astype(np.float32)
-
-
-def replaced(fine: np.ndarray, mask: np.ndarray, changed: np.ndarray) -> np.ndarray:
-    """Return a mask (H, W) float32 that is as `fine` (H, W) but where the small `mask` (h, w) bool `changed` (h, w) bool."""
-    size = fine.shape[0], fine.shape[1]
-    return np.where(enlarged(changed, *size) > 0, enlarged(mask, *size), fine)
-
-
-def _by_index(labelled: Labelled, told: Mapping[str, np.ndarray]) -> dict[int, np.ndarray]:
-    """Return pictures (H, W), by the photo's name, at the size of the small ones, by its index: -1, 0 or 1, int8."""
-    views = labelled.views
-    return {
-        photo: signs_at(told[name], views[photo].color)
-        for photo, name in labelled.names.items()
-        if name in told
-    }
+def _told(labelled: Labelled, told: Mapping[str, np.ndarray]) -> list[tuple[int, np.ndarray]]:
+    """Return pictures (H, W), by the photo's name, with its index."""
+    return [(photo, told[name]) for photo, name in labelled.names.items() if name in told]
 
 
 def signs_at(told: np.ndarray, color: np.ndarray) -> np.ndarray:
-    """Return a mask, or what clicks told, (H, W), at the size of a small picture (h, w, 3): -1, 0 or 1, (h, w) int8."""
+    """Return what clicks told, (H, W) of a pinhole's picture, at the size of a small picture (h, w, 3): -1, 0 or 1, (h, w) int8."""
     small = resize_area(told.astype(np.float32), *color.shape[:2])
     return np.where(small >= 0.5, 1, np.where(small < -0.5, -1, 0)).astype(np.int8)

@@ -81,11 +81,13 @@ def write_masks(
     found: Masks,
     painted: Collection[str],
     full: Callable[[int], np.ndarray],
+    done: Callable[[], None] = lambda: None,
 ) -> None:
-    """Write the masks of a scene, at their full size, and their checksums.
+    """Write the masks of a scene, in the pixels of its photos, and their checksums.
 
     names: of the photos, by their index. painted: names of those whose masks a person painted; they stay as they are.
-    full: returns the mask (H, W) float32 of a photo; asked for those alone that are not there.
+    full: returns the mask (H, W) float32 of a photo; asked for those alone that are not there, from several threads. done:
+    called after each photo.
     """
     folder, corrected, _ = _folders(output)
     written, known = written_masks(output), _record(output, _MADE_OF)
@@ -101,8 +103,9 @@ def write_masks(
             ready[name] = kept
         elif there is not None and known.get(name) == [there, found.keys[photo]]:
             ready[name] = present
-    # made one by one while they are written: at full size all of them would take more than anything else here
-    masks = ((name, full(photo)) for photo, name in names.items() if name not in ready)
+    missing = {name: photo for photo, name in names.items() if name not in ready}
+    for _ in ready:
+        done()
 
     def record(where: Path, others: Mapping[str, list[str]]) -> None:
         sums = {name: checksum(named_file(where, name, ".png")) for name in names.values()}
@@ -111,7 +114,9 @@ def write_masks(
         write_json(output / HIDDEN / _WRITTEN, {name: [sums[name], *others.get(name, [])] for name in sums})
 
     # If all ends while the new folder takes the old one's place, either is known not to be the user's work.
-    writing.write_masks(masks, ready, folder, lambda new: record(new, before))
+    writing.write_masks(
+        missing, lambda name: full(missing[name]), ready, folder, lambda new: record(new, before), done
+    )
     record(folder, {})
 
 

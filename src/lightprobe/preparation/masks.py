@@ -7,7 +7,6 @@ import numpy as np
 import scipy
 
 from lightprobe.core.errors import InputError
-from lightprobe.imaging import resize_area
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.candidates import Choice
 from lightprobe.preparation.corrections import Corrections
@@ -23,8 +22,8 @@ from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
 from lightprobe.preparation.salient_object import kept_log_odds
 from lightprobe.preparation.support_plane import SupportPlane, common_plane
+from lightprobe.preparation.undistortion import pinhole_camera, small_mask, undistorted
 from lightprobe.preparation.voxel_labelling import Labelling, Look, View, away, label_voxels, photo_evidence
-from lightprobe.preparation.writing import straight
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
@@ -66,13 +65,18 @@ def cut_masks(
     """Return the masks of all photos that have a camera.
 
     known: masks (H, W) bool of photos as they were taken; those of `fixed` photos stay as they are. key: of photos,
-    cameras and hints. Raises `InputError` where no point of the object is found, `ConfigError` where photos without a
+    cameras and hints. Raises `InputError` where no point of the object is found or a lens folds its picture over, `ConfigError` where photos without a
     mask are left and the network that finds objects is not installed.
     """
     solution = choice.kept.solution
     bends = solution.distortion()
     views = {
-        index: _view(seen[index], camera, bends[index], known.get(index), index in fixed)
+        index: _view(
+            seen[index],
+            pinhole_camera(camera, bends[index], photos[index].name),
+            known.get(index),
+            index in fixed,
+        )
         for index, camera in solution.cameras().items()
     }
 
@@ -83,7 +87,7 @@ def cut_masks(
         return label_voxels(views, evidence, points, lambda *at: on_progress("masks", *at), look)
 
     names = {index: photos[index].name for index in views}
-    labelled = kept_labelled(cache, key, names, views, bends, label)
+    labelled = kept_labelled(cache, key, names, views, label)
     found = labelled.labelling
     masks = masks_of(labelled, corrections, cache)
     places: dict[int, int] = {}
@@ -152,13 +156,9 @@ def _inside(hull: Hull, points: np.ndarray) -> np.ndarray:
     return found
 
 
-def _view(each: Seen, camera: Camera, k: float, known: np.ndarray | None, fixed: bool) -> View:
-    """Return one photo as through a pinhole, with what is known of its mask."""
+def _view(each: Seen, camera: Camera, known: np.ndarray | None, fixed: bool) -> View:
+    """Return one photo as its pinhole `camera` shows it, with what is known of its mask."""
     height, width = each.color.shape[:2]
     small = camera.resized(width, height)
-    color = straight(each.color, small, k)
-    if known is None:
-        return View(small, color, None, False)
-    is_small = known.shape == (height, width)
-    mask = known if is_small else resize_area(known.astype(np.float32), height, width) >= 0.5
-    return View(small, color, straight(mask.astype(np.float32), small, k) >= 0.5, fixed)
+    given = None if known is None else small_mask(known, small)
+    return View(small, undistorted(each.color, small), given, fixed and given is not None)

@@ -1,5 +1,6 @@
 """What a preparation leaves: the scene's files, and prepare.json, which says how they came about."""
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from lightprobe.preparation import upright, writing
 from lightprobe.preparation.alignment import AGREEING
 from lightprobe.preparation.cache import HIDDEN, Cache, key_of
 from lightprobe.preparation.candidates import EXPLAINED
-from lightprobe.preparation.labelled import enlarged, is_kept, replaced
+from lightprobe.preparation.labelled import is_kept
 from lightprobe.preparation.looking import Seen, reason_lost
 from lightprobe.preparation.mapping import Matches, Solution, match_counts
 from lightprobe.preparation.mask_files import (
@@ -29,9 +30,8 @@ from lightprobe.preparation.masks import PLACE, Cutting
 from lightprobe.preparation.options import PrepareOptions, find_photo
 from lightprobe.preparation.photos import SourcePhoto, copies, given_mask
 from lightprobe.preparation.places import by_place
+from lightprobe.preparation.undistortion import photo_mask, replaced, through_lens
 from lightprobe.preparation.upright import Up
-from lightprobe.preparation.writing import straight
-from lightprobe.scene.camera import Camera
 
 _FEW_REGISTERED = 0.8  # share of the photos below which a warning is due
 _FEWEST = 3  # photos with cameras that make a scene
@@ -61,22 +61,26 @@ def write_scene(
             "with less than 20 degrees between neighbours."
         )
     solution, up, scale, rotation = _upright(photos, cutting, options)
+    bends = solution.distortion()
     full = {i: writing.full_size(camera, photos[i]) for i, camera in solution.cameras().items()}
     remove(output / "transforms.json")  # what is not finished is no scene
-    bends = solution.distortion()
-    shots = {photos[i].name: (photos[i], full[i], bends[i]) for i in full}
-    files = _write_images(output, shots)
+
+    def counted(what: str) -> Callable[[], None]:
+        count = itertools.count(1)
+        return lambda: on_progress(f"scene: {what}", next(count), len(full))
+
+    files = _copy_photos(output, {photos[i].name: photos[i] for i in full}, counted("photos"))
 
     def full_mask(i: int) -> np.ndarray:
-        fine, mask = given_mask(photos[i], (photos[i].height, photos[i].width)), cutting.found.masks[i]
+        photo, view, mask = photos[i], cutting.labelled.views[i], cutting.found.masks[i]
+        fine = given_mask(photo, (photo.height, photo.width))
         if fine is None:
-            return enlarged(mask, photos[i].height, photos[i].width)
-        changed = mask != cutting.labelled.views[i].given  # by clicks
-        fine = straight(fine, full[i], bends[i])
-        return replaced(fine, mask, changed) if changed.any() else fine
+            return photo_mask(mask, view.camera, photo.height, photo.width)
+        changed = mask != view.given  # by clicks
+        return replaced(fine, mask, changed, view.camera) if changed.any() else fine
 
-    write_masks(output, cutting.labelled.names, cutting.found, cutting.corrections.painted, full_mask)
-    on_progress("scene", 1, 2)
+    painted = cutting.corrections.painted
+    write_masks(output, cutting.labelled.names, cutting.found, painted, full_mask, counted("masks"))
     lost = _lost(photos, seen, matches, cutting)
     report = {**_report(photos, cutting, up, scale, lost), "key": key}
     colors = {photo.name: each.color for photo, each in zip(photos, seen, strict=True) if photo.name in lost}
@@ -84,13 +88,12 @@ def write_scene(
         output, cutting.labelled, cutting.found, {name: (colors[name], why) for name, why in lost.items()}
     )
     write_json(output / "prepare.json", report)
-    cameras = {photos[i].name: camera for i, camera in full.items()}
+    cameras = {photos[i].name: through_lens(camera, bends[i]) for i, camera in full.items()}
     groups = {photos[i].name: place for i, place in cutting.places.items()}
     supports = {
         place: plane.mapped(rotation, scale["scale_factor"]) for place, plane in cutting.planes.items()
     }
     writing.write_transforms(output / "transforms.json", cameras, files, groups, supports)
-    on_progress("scene", 2, 2)
     return report
 
 
@@ -146,26 +149,25 @@ def _find_up(photos: Sequence[SourcePhoto], solution: Solution, options: Prepare
     return Up(pose[:3, :3] @ upright.parse_up(options.up), f"--up {options.up} in the axes of {name}")
 
 
-def _write_images(output: Path, shots: Mapping[str, tuple[SourcePhoto, Camera, float]]) -> dict[str, str]:
-    """Write the photos as pinholes show them, unless they lie there; return file names by the photos' names."""
+def _copy_photos(
+    output: Path, photos: Mapping[str, SourcePhoto], copied: Callable[[], None]
+) -> dict[str, str]:
+    """Copy the photos into the scene, unless they lie there; return file names by the photos' names."""
     record, folder = output / HIDDEN / _IMAGES, output / "images"
-    lenses = {name: (photo.checksum, _lens(camera), k) for name, (photo, camera, k) in shots.items()}
-    key = key_of(lenses)
+    key = key_of({name: photo.checksum for name, photo in photos.items()})
     if record.is_file():
         kept = read_object(record, "remove it and prepare the scene anew")
         names = kept.get("files")
         there = {str(name): str(file) for name, file in names.items()} if isinstance(names, dict) else {}
-        same = kept.get("key") == key and sorted(there) == sorted(shots)
+        same = kept.get("key") == key and sorted(there) == sorted(photos)
         if same and all(named_file(folder, file).is_file() for file in there.values()):
+            for _ in there:
+                copied()
             return there
     remove(record)
-    files = writing.write_images(shots, folder)
+    files = writing.copy_photos(photos, folder, copied)
     write_json(record, {"key": key, "files": files})
     return files
-
-
-def _lens(camera: Camera) -> tuple[float, ...]:
-    return camera.fx, camera.fy, camera.cx, camera.cy
 
 
 def _lost(

@@ -101,6 +101,10 @@ def fit_camera(camera: Camera, image_path: Path, source: str) -> Camera:
     )
 
 
+# Colour (h, W, 3), alpha (h, W) and the share at white (h, W, 3) of the rows first..last - 1
+_Rows = Callable[[int, int], tuple[np.ndarray, np.ndarray, np.ndarray]]
+
+
 class _Opened:
     """A photo and its mask, turned to fit each other and the camera, and handed out rows at a time.
 
@@ -124,10 +128,8 @@ class _Opened:
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return linear straight colour (h, W, 3), alpha (h, W) and clipped (h, W, 3) of some rows."""
-        read = self._stored if self._resampling is None else self._undistorted
-        color, alpha, clipped = read(first, last)
-        self._highest = max(self._highest, float(alpha.max()))
-        return color, alpha, clipped
+        color, alpha, white = self._read(self._clipped, first, last)
+        return color, alpha, white > 0
 
     def strips(self) -> Iterator[tuple[int, int]]:
         """Yield (first, last) of consecutive strips of rows that are worked on at once."""
@@ -135,35 +137,49 @@ class _Opened:
 
     def alpha_rows(self, first: int, last: int) -> np.ndarray:
         """Return alpha (h, W) of the rows first..last - 1."""
-        if self._mask is None or self._resampling is not None:
+        if self._mask is None:
             return self.rows(first, last)[1]
-        alpha = self._mask.mask_rows(first, last)
+        mask = self._mask
+        if self._resampling is None:
+            alpha = mask.mask_rows(first, last)
+        else:
+            alpha = self._straight(lambda *strip: mask.mask_rows(*strip)[..., None], first, last)[..., 0]
         self._highest = max(self._highest, float(alpha.max()))
         return alpha
 
-    def _stored(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return `rows` of the photo as its lens made it."""
-        color, own = self._image.rows(first, last)
-        alpha = own if self._mask is None else self._mask.mask_rows(first, last)
-        if alpha is None:
-            raise ValueError("Checked to have one.")
-        return color, alpha, self._image.clipped_rows(first, last) & (alpha[..., None] > 0)
-
-    def _undistorted(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return `rows` of the pinhole's picture.
+    def _read(self, stored: _Rows, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what `stored` returns of the photo as its lens made it, of the pinhole's picture.
 
         The object's colour is averaged with its coverage as weight, where it has any: no background bleeds
         in.
         """
+        if self._resampling is None:
+            color, alpha, white = stored(first, last)
+        else:
 
-        def planes(first: int, last: int) -> np.ndarray:
-            color, alpha, clipped = self._stored(first, last)
-            return np.dstack([color * alpha[..., None], alpha, color, clipped])
+            def planes(first: int, last: int) -> np.ndarray:
+                color, alpha, white = stored(first, last)
+                return np.dstack([color * alpha[..., None], alpha, color, white])
 
-        found = self._straight(planes, first, last)
-        alpha = np.ascontiguousarray(found[..., 3])
-        own = found[..., :3] / np.maximum(alpha, 1e-6)[..., None]
-        return np.where(alpha[..., None] > 1e-6, own, found[..., 4:7]), alpha, found[..., 7:] > 0
+            found = self._straight(planes, first, last)
+            alpha, white = np.ascontiguousarray(found[..., 3]), found[..., 7:]
+            own = found[..., :3] / np.maximum(alpha, 1e-6)[..., None]
+            color = np.where(alpha[..., None] > 1e-6, own, found[..., 4:7])
+        self._highest = max(self._highest, float(alpha.max()))
+        return color, alpha, white
+
+    def _stored(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return colour (h, W, 3), alpha (h, W) and what is at white (h, W, 3) of the photo as its lens made it."""
+        color, own = self._image.rows(first, last)
+        alpha = own if self._mask is None else self._mask.mask_rows(first, last)
+        if alpha is None:
+            raise ValueError("Checked to have one.")
+        return color, alpha, self._image.clipped_rows(first, last)
+
+    def _clipped(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return `_stored` with what is at white on the object alone."""
+        color, alpha, white = self._stored(first, last)
+        return color, alpha, white & (alpha[..., None] > 0)
 
     def _straight(self, read: Callable[[int, int], np.ndarray], first: int, last: int) -> np.ndarray:
         """Return rows first..last - 1 (h, W, C) of the pinhole's picture; `read` returns the lens' rows."""
@@ -191,14 +207,8 @@ class _Opened:
     def shown(self, height: int, width: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return colour (height, width, 3), alpha (height, width) and the share of white, each for itself."""
 
-        def white(first: int, last: int) -> np.ndarray:
-            return self._image.clipped_rows(first, last).astype(np.float32)
-
         def planes(first: int, last: int) -> np.ndarray:
-            color, alpha, _ = self.rows(first, last)
-            plain = self._resampling is None
-            share = white(first, last) if plain else self._straight(white, first, last)
-            return np.dstack([color, alpha, share])
+            return np.dstack(self._read(self._stored, first, last))
 
         small = imaging.resize_rows(planes, (*self.size, 7), height, width)
         self.check_seen()
