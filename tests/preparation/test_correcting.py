@@ -7,11 +7,13 @@ import pytest
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_mask, write_mask
+from lightprobe.preparation import correcting
 from lightprobe.preparation.correcting import click_mask, correct_masks, forget_correction
-from lightprobe.preparation.corrections import Change, corrected
+from lightprobe.preparation.corrections import Change, clicked_region, corrected
 from lightprobe.preparation.mask_report import mask_warnings
+from lightprobe.preparation.undistortion import small_mask
 from lightprobe.scene.consistency import overlap
-from tests.preparation.labelled_scene import BLOCK, HALF, LID, labelled_scene, shown_at
+from tests.preparation.labelled_scene import BLOCK, HALF, LID, labelled_scene, shown_at, written_mask
 
 pytest.importorskip("cv2")
 TOP = np.array([0, 0, HALF[2] - LID / 2])
@@ -151,6 +153,51 @@ def test_a_mask_that_is_painted_while_others_are_written_is_not_lost(scene):
 
 def test_a_mask_that_the_user_gave_stays_as_fine_as_it_is(tmp_path):
     labelled, _ = labelled_scene(tmp_path, given=2)
+    path = tmp_path / "masks" / "p_2.png"
+    before = path.read_bytes()
+    click_mask(tmp_path, "p_1", beside(labelled, 1), False, lambda stage: None)
+    assert path.read_bytes() == before
+
+
+def straightened(labelled, found):
+    """Return masks of photos, by name, in their pinholes' pictures."""
+    cameras = {f"p_{photo}": view.camera for photo, view in labelled.views.items()}
+    return {name: small_mask(mask, cameras[name]) for name, mask in found.items()}
+
+
+def test_clicks_are_of_the_photo_as_its_lens_took_it(tmp_path, monkeypatch):
+    labelled, truth = labelled_scene(tmp_path, k=-0.5)
+    before, places = agreement_with(truth, straightened(labelled, masks(tmp_path))), []
+
+    def region(color, evidence, mask, at, is_object):
+        places.append(at)
+        return clicked_region(color, evidence, mask, at, is_object)
+
+    monkeypatch.setattr(correcting, "clicked_region", region)
+    clicked, camera = beside(labelled, 1), labelled.views[1].camera
+    click_mask(tmp_path, "p_1", clicked, False, lambda stage: None)
+    pinhole = camera.project(BLOCK.mean(axis=0)[None])[0, :2] / (camera.width, camera.height)
+    assert places[0] == pytest.approx(tuple(pinhole), abs=1e-6)
+    assert np.abs(pinhole - clicked).max() > 0.005
+    after = agreement_with(truth, straightened(labelled, masks(tmp_path)))
+    assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.02
+
+
+def test_a_mask_painted_on_a_photo_through_a_lens_stays_and_the_others_follow(tmp_path):
+    labelled, truth = labelled_scene(tmp_path, k=-0.5)
+    before = agreement_with(truth, straightened(labelled, masks(tmp_path)))
+    mine = written_mask(labelled, 1, truth[1])
+    assert overlap(mine >= 0.5, truth[1]) < 0.97  # the lens is seen
+    write_mask(tmp_path / "masks" / "p_1.png", mine)
+    correct_masks(tmp_path, lambda stage: None)
+    np.testing.assert_allclose(read_mask(tmp_path / "masks" / "p_1.png"), mine, atol=0.003)
+    after = agreement_with(truth, straightened(labelled, masks(tmp_path)))
+    assert after[1] > 0.98
+    assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.05
+
+
+def test_a_mask_that_the_user_gave_of_a_photo_through_a_lens_stays_as_fine_as_it_is(tmp_path):
+    labelled, _ = labelled_scene(tmp_path, given=2, k=-0.5)
     path = tmp_path / "masks" / "p_2.png"
     before = path.read_bytes()
     click_mask(tmp_path, "p_1", beside(labelled, 1), False, lambda stage: None)

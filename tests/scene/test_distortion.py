@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lightprobe.core.errors import InputError
 from lightprobe.imaging import srgb_decode, write_exr
 from lightprobe.scene import Camera, load_alpha, load_photo, load_pixels, load_scene
 from lightprobe.scene.distortion import Resampling, bilinear, with_lens
@@ -162,6 +163,39 @@ def test_a_picture_of_rows_is_the_same(tmp_path):
     part, some = resampling.places(100, 130)
     np.testing.assert_array_equal(whole[100:130], part)
     np.testing.assert_array_equal(shown[100:130], some)
+
+
+@pytest.mark.parametrize("lens", LENSES)
+@pytest.mark.parametrize("width", [72, 1200])
+def test_places_between_knots_are_those_of_the_lens(lens, width):
+    view = views(3, size=(width, round(width * 5 / 6)))[1]
+    camera = with_lens(camera_of(view), lens, source="test")
+    places, shown = Resampling(camera).places(0, camera.height)
+    v, u = np.mgrid[: camera.height, :width] + 0.5
+    points = np.stack([(u - camera.cx) / camera.fx, (v - camera.cy) / camera.fy], -1)
+    exact = lens.distort(points) * np.array(view.focal) + view.center
+    size = np.array([width, camera.height])
+    np.testing.assert_allclose(places[shown], np.clip(exact, 0.5, size - 0.5)[shown], atol=0.03)
+    inside = ((exact > 0.1) & (exact < size - 0.1)).all(-1)
+    assert shown[inside].all()
+    assert not shown[((exact < -0.1) | (exact > size + 0.1)).any(-1)].any()
+
+
+def test_of_a_wide_lens_that_folds_beyond_the_pinholes_edges_the_picture_ends_before_the_fold():
+    """A fisheye lens of 94 degrees down to the edges, as x (1 + k r^2): its photo reaches beyond the fold."""
+    camera = replace(camera_of(views(3, size=SIZE)[1]), fx=150.0, fy=150.0)
+    lens = Lens((-0.35,))
+    fold = lens.fold_radius()
+    assert (
+        lens.distort(np.array([fold, 0.0]))[0] < 144 / 150 < fold
+    )  # in the photo; beyond the edge of a pinhole
+    bent = with_lens(camera, lens, source="test")
+    assert bent.fx == pytest.approx(150 * 144 / 150 / fold)
+    places, shown = Resampling(bent).places(0, 240)
+    assert shown[120].mean() > 0.98
+    assert (np.diff(places[120, :, 0][shown[120]]) > 0).all()
+    with pytest.raises(InputError, match="folds the picture over"):
+        with_lens(camera, Lens((-0.4,)), source="test")
 
 
 def test_bilinear_is_exact_on_a_plane():

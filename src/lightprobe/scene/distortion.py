@@ -36,20 +36,21 @@ def with_lens(camera: Camera, lens: Lens, *, source: str) -> Camera:
     lens.check(source)
     if _largest_shift(camera, lens) <= _TOLERANCE * max(camera.width, camera.height):
         return camera
-    edges = _edges(camera)
-    fold = lens.fold_radius()
+    edges, fold = _edges(camera), lens.fold_radius()
+    length = np.linalg.norm(edges, axis=1)
     if np.isfinite(fold):
-        axes = edges / np.linalg.norm(edges, axis=1, keepdims=True)
-        reach, length = (lens.distort(fold * axes) * axes).sum(axis=1), np.linalg.norm(edges, axis=1)
+        axes = edges / length[:, None]
+        reach = (lens.distort(fold * axes) * axes).sum(axis=1)
         if not ((reach >= 0.99 * length) | (fold > length)).all():
             raise InputError(
                 f"{source} has lens distortion that folds the picture over within its borders, as no lens does; "
                 "estimate the camera again, with fewer coefficients."
             )
-    inside = lens.undistort(edges)
-    # no further than the fold, also where it lies within the photo
-    growth = np.fmin(np.linalg.norm(inside, axis=1), fold) / np.linalg.norm(edges, axis=1)
-    zoom = float(np.clip(1 / np.nan_to_num(growth, nan=1 / _LEAST_ZOOM).max(), _LEAST_ZOOM, 1))
+    inside = np.linalg.norm(lens.undistort(edges), axis=1)  # NaN where no point is moved to an edge
+    growth = np.fmin(
+        inside / length, fold / length.max()
+    )  # where the fold lies within the photo, the picture ends there
+    zoom = float(np.clip(1 / growth.max(), _LEAST_ZOOM, 1))
     return replace(camera, fx=camera.fx * zoom, fy=camera.fy * zoom, lens=replace(lens, zoom=zoom))
 
 
