@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from lightprobe.core.errors import LightprobeWarning
-from lightprobe.imaging import PhotoFile, image_size, read_ldr, read_photo, srgb_decode
+from lightprobe.imaging import image_size, read_ldr, read_photo, srgb_decode
 from tests.imaging.apple_notes import apple_note
 from tests.imaging.heif_files import box, write_heif
 
@@ -43,7 +43,6 @@ def test_apples_gain_map(tmp_path, headroom, gain, stops):
     assert clipped[8, 8].all()
     assert not clipped[8, 184].any()
     assert not clipped[72:].any()
-    assert PhotoFile(path).shows_more_than_white
 
 
 @pytest.mark.parametrize(

@@ -42,9 +42,14 @@ def photographed(tmp_path_factory):
 
 @pytest.mark.long
 def test_a_turned_object_is_reconstructed_and_the_trap_is_named(photographed):
-    folder, prepared, _ = photographed
+    folder, prepared, steps = photographed
     report = prepared.report
     assert report["registered"] >= 15
+    for stage in ("scene: photos", "scene: masks"):
+        told = [step[1:] for step in steps if step[0] == stage]
+        assert told == [(done, report["registered"]) for done in range(1, report["registered"] + 1)]
+    for path in (prepared.folder / "images").iterdir():
+        assert path.read_bytes() == (folder / "images" / path.name).read_bytes()
     assert report["trap"].startswith("Trap: the background stands still")
     true = {
         n: Camera.from_json(v, source=n)

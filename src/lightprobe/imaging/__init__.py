@@ -12,7 +12,6 @@ from lightprobe.imaging.ldr import (
     read_ldr,
     read_mask,
     read_photo,
-    write_encoded,
     write_mask,
     write_png,
 )
@@ -56,7 +55,6 @@ __all__ = [
     "turned_size",
     "undo",
     "worked_size",
-    "write_encoded",
     "write_exr",
     "write_mask",
     "write_png",

@@ -14,7 +14,7 @@ import numpy as np
 from PIL import Image
 
 from lightprobe.imaging.decoding import read_header
-from lightprobe.imaging.tags import EXIF_FOLDER, ORIENTATION, apple_entry, upright_exif
+from lightprobe.imaging.tags import EXIF_FOLDER, ORIENTATION, apple_entry
 
 _LEAST, _GREATEST = 1e-9, 1e9  # of seconds, f-numbers and ISO: beyond, the file is wrong
 # Numbers of EXIF tags: s, f-number, ISO
@@ -45,14 +45,6 @@ def read_exif_ev100(path: Path) -> float | None:
         return None
     time, f_number, iso = (float(value) for value in values if value is not None)
     return 2 * math.log2(f_number) - math.log2(time) - math.log2(iso / 100)
-
-
-def upright_exposure(path: Path) -> Image.Exif:
-    """Return new EXIF entries for an upright copy of an image file: how it was exposed, and nothing else."""
-    exif, tags = upright_exif(), read_header(path).exif.get_ifd(EXIF_FOLDER)
-    told = {tag: _number(tags.get(tag)) for tag in (_EXPOSURE_TIME, _F_NUMBER, _ISO)}
-    exif.get_ifd(EXIF_FOLDER).update({tag: value for tag, value in told.items() if value is not None})
-    return exif
 
 
 def read_orientation(path: Path) -> int | None:

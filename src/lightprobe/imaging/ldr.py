@@ -113,7 +113,7 @@ def write_png(
         if alpha is not None:
             rows = np.concatenate([rows, np.asarray(alpha)[top : top + step, :, None]], axis=2)
         samples[top : top + step] = np.clip(np.nan_to_num(rows) * levels + 0.5, 0, levels)
-    write_encoded(path, samples)
+    _write_encoded(Path(path), samples)
 
 
 def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None) -> None:
@@ -133,10 +133,10 @@ def write_mask(path: Path, mask: np.ndarray, size: tuple[int, int] | None = None
         picture.save(temporary, format="PNG", exif=upright_exif())
 
 
-def write_encoded(path: Path, samples: np.ndarray, exif: Image.Exif | None = None) -> None:
+def _write_encoded(path: Path, samples: np.ndarray) -> None:
     """Write samples (H, W, 3 | 4) uint8 or uint16, as they stand in the file, as PNG, atomically."""
     if samples.dtype == np.uint16:
-        write_bytes(Path(path), png16.encode(samples, None if exif is None else exif.tobytes()))
+        write_bytes(path, png16.encode(samples))
         return
-    with atomic_path(Path(path)) as temporary:
-        Image.fromarray(np.ascontiguousarray(samples)).save(temporary, format="PNG", exif=exif)
+    with atomic_path(path) as temporary:
+        Image.fromarray(samples).save(temporary, format="PNG")

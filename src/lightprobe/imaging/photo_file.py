@@ -19,7 +19,6 @@ from lightprobe.imaging.gain_map import GainMap
 from lightprobe.imaging.resize import STRIP
 
 CLIPPED = 0.98  # linear value from which a photo is saturated; half a code below 255 of 8 bits is .989
-_ABOVE = 1.001  # linear, of a greatest code that stands for more than white
 _BRIGHTEST = 1e9  # of floats, which may be infinite: sums over a photo stay numbers
 
 # Pillow's name of what EXIF orientations 2 to 8 ask for
@@ -60,14 +59,7 @@ class PhotoFile:
         self.height = _height(self._samples)
         self.width = first.shape[1]
         self.has_alpha = first.shape[2] in (2, 4)
-        self.has_white, self.is_deep = first.dtype.kind == "u", first.dtype != np.uint8
-
-    @property
-    def shows_more_than_white(self) -> bool:
-        """Whether it tells how bright things above white are: floats, gain maps, codes of HLG and PQ."""
-        if not self.has_white or self._gain_map is not None:
-            return True
-        return any(_table(self._levels, curve)[-1] > _ABOVE for curve in self._encoding.curves)
+        self.has_white = first.dtype.kind == "u"
 
     def rows(self, first: int, last: int) -> tuple[np.ndarray, np.ndarray | None]:
         """Return float32 rgb (h, W, 3) and alpha (h, W) or None of the rows first..last - 1, as `read_ldr`."""

@@ -63,17 +63,16 @@ def decode(path: Path) -> np.ndarray:
     return pixels
 
 
-def encode(samples: np.ndarray, exif: bytes | None = None) -> bytes:
-    """Return a 16-bit PNG file of `samples` (H, W, 1 | 2 | 3 | 4) uint16, with an EXIF block if it is given."""
+def encode(samples: np.ndarray) -> bytes:
+    """Return a 16-bit PNG file of `samples` (H, W, 1 | 2 | 3 | 4) uint16."""
     height, width, channels = samples.shape
     rows = np.ascontiguousarray(samples.astype(">u2")).view(np.uint8).reshape(height, -1)
     filtered = np.full((height, rows.shape[1] + 1), 2, np.uint8)  # filter 2: difference to the row above
     filtered[0, 1:] = rows[0]
     filtered[1:, 1:] = rows[1:] - rows[:-1]
     header = struct.pack(">IIBBBBB", width, height, 16, _COLOR_TYPE[channels], 0, 0, 0)
-    told = b"" if exif is None else _chunk(b"eXIf", exif.removeprefix(b"Exif\0\0"))
     data = _chunk(b"IDAT", zlib.compress(filtered.tobytes()))
-    return _SIGNATURE + _chunk(b"IHDR", header) + told + data + _chunk(b"IEND", b"")
+    return _SIGNATURE + _chunk(b"IHDR", header) + data + _chunk(b"IEND", b"")
 
 
 def _chunks(file: BinaryIO) -> Iterator[tuple[bytes, int]]:
