@@ -196,6 +196,17 @@ def test_a_mask_painted_on_a_photo_through_a_lens_stays_and_the_others_follow(tm
     assert np.mean(list(after.values())) > np.mean(list(before.values())) + 0.05
 
 
+def test_a_mask_that_is_only_saved_anew_hardly_changes_another(tmp_path):
+    """Painted masks are of the photo's pixels: taken for the pinhole's, all of the outline would be a correction."""
+    labelled_scene(tmp_path, k=-0.5)
+    before = masks(tmp_path)
+    path = tmp_path / "masks" / "p_1.png"
+    write_mask(path, 0.98 * read_mask(path))
+    correct_masks(tmp_path, lambda stage: None)
+    assert report(tmp_path)["masks_corrected"] == ["p_1"]
+    assert min(overlap(mask, before[name]) for name, mask in masks(tmp_path).items()) > 0.99
+
+
 def test_a_mask_that_the_user_gave_of_a_photo_through_a_lens_stays_as_fine_as_it_is(tmp_path):
     labelled, _ = labelled_scene(tmp_path, given=2, k=-0.5)
     path = tmp_path / "masks" / "p_2.png"
