@@ -21,11 +21,12 @@ from lightprobe.preparation.mapping import Solution
 from lightprobe.preparation.photos import SourcePhoto
 from lightprobe.preparation.places import by_place, same_place
 from lightprobe.preparation.salient_object import kept_log_odds
-from lightprobe.preparation.support_plane import SupportPlane, common_plane
+from lightprobe.preparation.support_plane import common_plane
 from lightprobe.preparation.undistortion import pinhole_camera, small_mask, undistorted
 from lightprobe.preparation.voxel_labelling import Labelling, Look, View, away, label_voxels, photo_evidence
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
+from lightprobe.scene.support import SupportPlane
 
 OnProgress = Callable[[str, int, int], None]
 PLACE = 3  # photos that make a place: fewer may be what the others' light or table hides

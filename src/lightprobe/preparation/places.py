@@ -12,7 +12,8 @@ import numpy as np
 
 from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.mapping import Solution, bent
-from lightprobe.preparation.support_plane import PlaneChart, SupportPlane
+from lightprobe.preparation.support_plane import PlaneChart
+from lightprobe.scene.support import SupportPlane
 
 _CELLS = 128  # along an edge of a drawing
 _REACH = 2.5  # of the object's radius: from the drawing's middle to its edge

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lightprobe.preparation.mapping import Solution
+from lightprobe.scene.support import SupportPlane
 
 _NEAR = 3.0  # radii around the object's points within which its support shows
 _THIN = 0.015  # of the object's radius: distance from a plane up to which a point lies on it
@@ -18,22 +19,6 @@ _FEWEST = 10  # points that make a plane: three fit any
 _TRIALS = 2000  # of three points: enough where one point in seven lies on the plane
 _BELOW = 0.05  # share of the object's points and of the cameras that may lie beneath: errors
 _UNDER = 0.5  # radii of the object's points between a plane and the lowest of them, at most
-
-
-@dataclass(frozen=True)
-class SupportPlane:
-    """A plane with the object on its positive side."""
-
-    normal: np.ndarray  # (3,) float64, unit length
-    offset: float
-
-    def height(self, points: np.ndarray) -> np.ndarray:
-        """Return how far above the plane `points` (..., 3) lie, (...) float64."""
-        return points @ self.normal - self.offset
-
-    def mapped(self, rotation: np.ndarray, scale: float) -> "SupportPlane":
-        """Return the plane with the world turned by `rotation` (3, 3), then scaled."""
-        return SupportPlane(rotation @ self.normal, scale * self.offset)
 
 
 def common_plane(solution: Solution, on_object: np.ndarray, seed: int = 0) -> SupportPlane | None:

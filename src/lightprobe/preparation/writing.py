@@ -14,9 +14,9 @@ from lightprobe.core.errors import InputError
 from lightprobe.core.files import atomic_folder, atomic_path, checksum, named_file, write_json
 from lightprobe.core.threads import in_threads
 from lightprobe.preparation.photos import SourcePhoto
-from lightprobe.preparation.support_plane import SupportPlane
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.overlay import Cell, contact_sheet, outline
+from lightprobe.scene.support import SupportPlane
 
 _LINE = (255, 60, 0)  # sRGB of the outline
 GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions
@@ -125,10 +125,7 @@ def write_transforms(
         }
         for name, camera in cameras.items()
     ]
-    told = {
-        f"{place}": {"normal": plane.normal.tolist(), "offset": float(plane.offset)}
-        for place, plane in supports.items()
-    }
+    told = {f"{place}": plane.to_json() for place, plane in supports.items()}
     write_json(path, {"camera_model": "OPENCV", **({"supports": told} if told else {}), "frames": frames})
 
 

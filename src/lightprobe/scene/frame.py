@@ -12,6 +12,7 @@ from lightprobe.core.errors import InputError
 from lightprobe.imaging import IMAGE_SUFFIXES
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Truth
+from lightprobe.scene.support import SupportPlane
 
 _NAME_BYTES = 120  # of a photo's name: with `.confidence.exr` far from the 255, or 143, of file systems
 
@@ -35,6 +36,7 @@ class Frame:
     split: Split | None = None  # None: no split given, the loader makes one
     truth: Truth = field(default_factory=Truth)
     light_group: str | None = None  # as `Photo.light_group`
+    support: SupportPlane | None = None  # as `Photo.support`
 
 
 class Problems:

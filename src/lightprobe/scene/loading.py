@@ -20,6 +20,7 @@ from lightprobe.scene.normalise import find_similarity
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.scene.pixels import fit_camera, load_alpha
 from lightprobe.scene.soundness import judge
+from lightprobe.scene.support import common_support
 
 T = TypeVar("T")
 
@@ -68,7 +69,8 @@ def load_scene(path: Path) -> Scene:
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
     test, relight = reading.photos[Split.TEST], reading.photos[Split.RELIGHT]
-    return Scene(reading.root, reading.format, train, test, relight, similarity)
+    support = common_support([photo.support for photo in train], similarity.scale)
+    return Scene(reading.root, reading.format, train, test, relight, similarity, support)
 
 
 def read_folder(path: Path, problems: Problems) -> Reading:
@@ -190,4 +192,6 @@ def _photo(frame: Frame, name: str, masks: MaskFolder) -> Photo:
     camera = fit_camera(camera, frame.image, frame.source)
     mask = frame.mask or masks.find(frame.image)
     exposure, encoding = read_exif_ev100(frame.image), foreign_encoding(frame.image)
-    return Photo(name, camera, frame.image, mask, exposure, frame.truth, encoding, frame.light_group)
+    return Photo(
+        name, camera, frame.image, mask, exposure, frame.truth, encoding, frame.light_group, frame.support
+    )

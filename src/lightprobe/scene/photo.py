@@ -12,6 +12,7 @@ import numpy as np
 
 from lightprobe.imaging import CLIPPED, resize_rows
 from lightprobe.scene.camera import Camera, Similarity
+from lightprobe.scene.support import SupportPlane
 
 OPAQUE = 0.9  # coverage from which a pixel shows the object alone
 _WHITE = 1.01  # a photo with brighter values comes from a format without a white to clip at
@@ -41,6 +42,9 @@ class Photo:
     truth: Truth = field(default_factory=Truth)
     encoding: str | None = None  # colour encoding that the file declares and that is not sRGB
     light_group: str | None = None  # what photos under one light have in common; None: nothing is known
+    support: SupportPlane | None = (
+        None  # that the object stands on there, in the input frame; None: nothing is known
+    )
 
 
 def clipped(color: np.ndarray, alpha: np.ndarray) -> np.ndarray:
@@ -121,3 +125,6 @@ class Scene:
     test: tuple[Photo, ...]
     relight: tuple[Photo, ...]  # synthetic only: novel lights with ground truth
     similarity: Similarity
+    support: SupportPlane | None = (
+        None  # that the object stands on in all training photos, in the input frame
+    )

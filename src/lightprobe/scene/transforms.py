@@ -7,7 +7,7 @@ own go first. What nerfstudio calls `applied_transform` and `applied_scale` is i
 Photos are split by file (`transforms_train.json`, `_test`, `_val` when there is no `_test`, `_relight`), else
 by nerfstudio's `train_filenames` and `test_filenames`, or `val_filenames` when there is no `test_filenames`.
 Where there is a list of training photos, nothing else is trained on. Frames with one `light_group`, a name or a number,
-were taken under one light.
+were taken under one light; beside `frames`, `supports` has for a group the plane that the object stands on there.
 """
 
 import contextlib
@@ -28,6 +28,7 @@ from lightprobe.scene.file_names import SceneFiles, slashed
 from lightprobe.scene.frame import Frame, Problems, Split
 from lightprobe.scene.lens import Lens
 from lightprobe.scene.photo import Truth
+from lightprobe.scene.support import SupportPlane
 
 TRAIN, SINGLE, RELIGHT = "transforms_train.json", "transforms.json", "transforms_relight.json"
 _COMMON_SUFFIXES = ("", ".png", ".jpg", ".jpeg", ".webp", ".PNG", ".JPG", ".JPEG")
@@ -213,8 +214,9 @@ def _frame(files: SceneFiles, path: Path, settings: dict[str, Any], split: Split
 
     image, truth = _image(files, path, settings["file_path"]), _truth(files, path, settings)
     group = _light_group(settings, source)
+    support = _support(settings, group, path)
     return Frame(
-        image, source, lambda *size: frame_camera(settings, source, *size), mask, split, truth, group
+        image, source, lambda *size: frame_camera(settings, source, *size), mask, split, truth, group, support
     )
 
 
@@ -226,6 +228,17 @@ def _light_group(settings: dict[str, Any], source: str) -> str | None:
     if isinstance(group, bool) or not isinstance(group, str | int):
         raise InputError(f"{source}: 'light_group' must be a name or a whole number, not {shown(group)}.")
     return str(group)
+
+
+def _support(settings: dict[str, Any], group: str | None, path: Path) -> SupportPlane | None:
+    """Return the plane that the object stands on in the photos of a light group, None where none is given."""
+    supports = settings.get("supports") or {}
+    if not isinstance(supports, dict):
+        raise InputError(f"{path}: 'supports' must name a plane for each light group, not {shown(supports)}.")
+    plane = supports.get(group)
+    if plane is None:
+        return None
+    return SupportPlane.from_json(plane, source=f"{path}, light group {shown(group)}")
 
 
 def _image(files: SceneFiles, path: Path, written: str) -> Path:
