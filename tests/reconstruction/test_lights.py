@@ -237,6 +237,20 @@ def test_what_a_photo_does_not_show_of_a_light_comes_from_those_that_share_it():
     torch.testing.assert_close(level, torch.tensor([1.5, 1.0, 0.8]), rtol=0.1, atol=0)
 
 
+def test_with_the_support_at_its_distance_photos_of_a_place_share_one_light():
+    """Their lights are pulled to each other far more than where what is near is taken to be far."""
+    _, photos = two_sides()
+    target, gbuffer = photos[0]
+    start, expected = torch.full((6, 16, 16, 3), 0.5), sky(CONFIG.light_resolution).clamp(max=3)
+    expected = expected / expected.mean((0, 1, 2))
+    solved = [
+        solve_target_light(target.color, target.clipped, seen, start, None, CONFIG, 3, expected=expected)
+        for seen in (gbuffer, replace(gbuffer, support=torch.tensor([0.0, 0.0, 1.0, -100.0])))
+    ]
+    free, held = (float((x / x.mean((0, 1, 2)) - expected).abs().mean()) for x in solved)
+    assert held < 0.5 * free
+
+
 @pytest.mark.long
 def test_shared_lights_are_solved_from_a_recording_as_without_one(monkeypatch):
     compute_as_a_gpu_does(monkeypatch)

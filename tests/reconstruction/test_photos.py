@@ -9,6 +9,7 @@ import torch
 from lightprobe.reconstruction import photos
 from lightprobe.reconstruction.photos import load_targets
 from lightprobe.scene import load_pixels, load_scene
+from lightprobe.scene.support import SupportPlane
 from tests.toy_scene import write_toy_scene
 
 CPU = torch.device("cpu")
@@ -56,3 +57,13 @@ def test_views_are_in_the_normalised_frame(scene):
         mass = target.alpha / target.alpha.sum()
         assert float((mass * (pixel % 40 + 0.5)).sum()) == pytest.approx(float(x), abs=0.3)
         assert float((mass * (pixel // 40 + 0.5)).sum()) == pytest.approx(float(y), abs=0.3)
+
+
+def test_views_know_the_support_of_all_photos_in_the_normalised_frame(scene):
+    assert all(target.view.support is None for target in load_targets(scene, scene.train, 20, CPU))
+    plane = SupportPlane(np.array([0.0, 0.6, 0.8]), -1.5)
+    for target in load_targets(replace(scene, support=plane), scene.train, 20, CPU):
+        support = target.view.support
+        points = np.array([[3.0, 0.5, -2.0], [0.0, 0.0, 0.0]])
+        height = torch.from_numpy(scene.similarity.apply(points)).float() @ support[:3] - support[3]
+        np.testing.assert_allclose(height.numpy(), plane.height(points) / scene.similarity.scale, atol=1e-5)

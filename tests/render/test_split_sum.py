@@ -6,7 +6,15 @@ import torch
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.render.brdf import base_reflectance, environment_brdf
-from lightprobe.render.split_sum import Shading, furnace, occlude, reflectance, shade, specular_taps
+from lightprobe.render.split_sum import (
+    Shading,
+    from_center,
+    furnace,
+    occlude,
+    reflectance,
+    shade,
+    specular_taps,
+)
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, any_gbuffer, brute_force, sky, sphere_gbuffer
 
@@ -52,7 +60,7 @@ def test_a_constant_light_is_reflected_exactly():
 def test_no_light_counts_negative():
     gbuffer, operator = any_gbuffer(5000), cached(R)
     r = reflectance(gbuffer)
-    weights = specular_taps(r, gbuffer.normal, operator)[1], operator.diffuse_taps(gbuffer.normal)[1]
+    weights = specular_taps(r, gbuffer, operator)[1], operator.diffuse_taps(gbuffer.normal)[1]
     for values in (r.specular, r.share, r.diffuse, *weights):
         assert values.min() >= 0
 
@@ -132,3 +140,41 @@ def test_a_matte_white_surface_shows_the_mean_light_around_its_normal():
     reflected = float(environment_brdf(torch.ones(1), torch.ones(1))[2])
     kept = torch.tensor([0.8, 0.4, 0.2]) * 0.96 * (1 - reflected)
     torch.testing.assert_close(found, kept * (weight @ light.reshape(-1, 3)), rtol=0.01, atol=1e-3)
+
+
+TABLE = torch.tensor([0.0, 0.0, 1.0, -1.3])  # under a ball of radius 1
+
+
+def table_light(direction):
+    """Return what lies towards directions (..., 3) from the ball's centre: the table with a smooth print, the sky."""
+    point = direction * (TABLE[3] / direction[..., 2:].clamp(max=-1e-3))
+    printed = 0.5 + 0.4 * torch.sin(1.5 * point[..., :1]) * torch.sin(1.5 * point[..., 1:2])
+    return torch.where(direction[..., 2:] < 0, printed, 0.3).expand(*direction.shape[:-1], 3)
+
+
+def test_a_mirror_shows_the_table_where_its_rays_meet_it():
+    """Of points half a radius above it: what is towards the ray's end from the centre, not what lies along the ray."""
+    resolution = 64
+    ball, operator = sphere_gbuffer(4000, roughness=0.1, metallic=1.0, base=(1, 1, 1)), cached(resolution)
+    levels = operator.apply(table_light(cubemap.directions(resolution)).contiguous())
+    mirror = reflectance(ball).mirror
+    down = (mirror[:, 2] < -0.5) & (ball.position[:, 2] < 0)
+    along = (TABLE[3] - ball.position[:, 2]) / mirror[:, 2].clamp(max=-0.1)
+    end = ball.position + along[:, None] * mirror
+    true = table_light(end)[down] * reflectance(ball).specular[down]
+    near = shade(replace(ball, support=TABLE), operator, levels)[down]
+    far = shade(ball, operator, levels)[down]
+    assert int(down.sum()) > 100
+    assert float((near - true).abs().mean()) < 0.03
+    assert float((far - true).abs().mean()) > 0.15
+    torch.testing.assert_close(
+        Shading.of(replace(ball, support=TABLE), operator).apply(levels)[down], near, atol=1e-5, rtol=1e-4
+    )
+
+
+def test_a_table_changes_nothing_above_the_horizon():
+    ball = sphere_gbuffer(500, roughness=0.3)
+    direction = torch.nn.functional.normalize(reflectance(ball).mirror, dim=1)
+    found, up = from_center(replace(ball, support=TABLE), direction), direction[:, 2] >= 0
+    assert torch.equal(found[up], direction[up])
+    assert not torch.allclose(found[~up], direction[~up])

@@ -3,10 +3,11 @@
 With geometry and material held, a photo is linear in its light. So each visit can solve for the light in
 closed form (`LightUpdate.SOLVE`) instead of taking one gradient step (`LightUpdate.GRADIENT`, the paper).
 
-Photos of one place (`Photo.light_group`) were taken under one light, up to exposure and white balance. What one of them does not
-show of it, the others may: where its pixels do not pin a light, it is pulled to the mean of the others'. It is not
-forced to be theirs, as what stands close by, the table above all, is seen at another place in the mirror of another
-view.
+Photos of one place (`Photo.light_group`) were taken under one light, up to exposure and white balance. What one of them
+does not show of it, the others may: a light is pulled to the mean of the others'. What stands close by, the table above
+all, is seen at another place in the mirror of another view. Where its plane is known (`View.support`), it is looked up
+where the mirror's ray meets it, and the lights of a place are all but one; else they are pulled where their pixels do not
+pin them, no more.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,7 +29,8 @@ from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_f
 # Of solved lights while the asset changes, as too smooth a light asks for too glossy a surface; and of held-out
 # photos' lights and those that are kept.
 REGULARISATION, FINAL_REGULARISATION = 0.001, 0.003
-SHARED_REGULARISATION = 0.01  # of both, of a light that other photos show as well
+# Of both, of a light that other photos show as well, with what is near at its distance and without.
+SUPPORTED_REGULARISATION, SHARED_REGULARISATION = 0.2, 0.01
 GREY = 0.005  # weight of the deviation from grey of a light that is fitted by gradients; nvdiffrec's
 _ITERATIONS = 5  # of a solve, which starts from the light of the previous visit
 _RATE = 0.005  # Adam step of a light that is fitted by gradients (paper, 4.2)
@@ -52,7 +54,7 @@ def solve_target_light(
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. The
     light is solved `times` times, first from `start`, then from the last light. Places that the pixels do not
     pin are pulled towards the mean colour of the light that a solve starts from, with the weight
-    `regularisation`, or towards `expected` (6, R, R, 3), of mean 1, times this colour.
+    `regularisation`, or towards `expected` (6, R, R, 3), of mean 1, times this colour, with that of shared lights.
 
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
     there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
@@ -63,14 +65,17 @@ def solve_target_light(
         last = transport.lit(light)
         weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
         mean = light.mean((0, 1, 2))
-        prior = mean.expand_as(light) if expected is None else mean * expected
+        prior, pull = mean.expand_as(light), regularisation
+        if expected is not None:
+            prior = mean * expected
+            pull = SHARED_REGULARISATION if gbuffer.support is None else SUPPORTED_REGULARISATION
         solved = solve_light(
             transport,
             observed,
             weight,
             clipped,
             prior,
-            regularisation=regularisation,
+            regularisation=pull,
             iterations=_ITERATIONS,
             start=last,
             chroma=config.light_chroma,
@@ -131,7 +136,6 @@ class LightSolver:
                 None,
                 self._config,
                 self._times,
-                regularisation=SHARED_REGULARISATION if shared else REGULARISATION,
                 expected=tensors[0] if shared else None,
             )
 

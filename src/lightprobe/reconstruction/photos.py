@@ -41,6 +41,7 @@ class Target:
 
 def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch.device) -> list[Target]:
     """Return the photos reduced to at most `side` pixels along the longer edge."""
+    support = None if scene.support is None else scene.support.normalised(scene.similarity)
     targets = []
     for photo in photos:
         pixels, camera = load_pixels(photo, side)
@@ -48,7 +49,7 @@ def load_targets(scene: Scene, photos: Sequence[Photo], side: int, device: torch
         white = pixels.alpha.max(initial=0.0)
         alpha = torch.from_numpy(pixels.alpha / white if white >= OPAQUE else pixels.alpha).reshape(-1)
         color = torch.from_numpy(pixels.color).reshape(-1, 3) * alpha[:, None]
-        view = View.of(camera.normalised(scene.similarity), device)
+        view = View.of(camera.normalised(scene.similarity), device, support)
         clipped = torch.from_numpy(pixels.clipped).reshape(-1, 3)
         targets.append(Target(photo.name, view, color.to(device), alpha.to(device), clipped.to(device)))
     return targets

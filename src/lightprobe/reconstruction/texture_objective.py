@@ -18,12 +18,7 @@ from lightprobe.geometry.textures import bilinear_taps
 from lightprobe.kernels import weighted_gather
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.image_objective import PassObjective
-from lightprobe.reconstruction.lights import (
-    REGULARISATION,
-    SHARED_REGULARISATION,
-    Lights,
-    solve_target_light,
-)
+from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.losses import brightness_anchor, grey_world, material_prior
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -182,16 +177,8 @@ class TextureObjective(PassObjective):
         some = photo.select(rows * len(photo.color) // max(len(rows), 1))
         material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
         gbuffer = self._gbuffer(some.surface, material)
-        weight = REGULARISATION if expected is None else SHARED_REGULARISATION
         return solve_target_light(
-            some.color,
-            some.clipped,
-            gbuffer,
-            start,
-            rows,
-            self.config,
-            regularisation=weight,
-            expected=expected,
+            some.color, some.clipped, gbuffer, start, rows, self.config, expected=expected
         )
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:

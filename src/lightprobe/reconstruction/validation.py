@@ -11,11 +11,7 @@ from lightprobe.imaging import srgb_encode
 from lightprobe.light.photometry import one_sided
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
-from lightprobe.reconstruction.lights import (
-    FINAL_REGULARISATION,
-    SHARED_REGULARISATION,
-    solve_target_light,
-)
+from lightprobe.reconstruction.lights import FINAL_REGULARISATION, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.disagreement import disagreement, part_solver
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
@@ -66,7 +62,7 @@ def fit_light(
         rows,
         config,
         rounds,
-        regularisation=FINAL_REGULARISATION if expected is None else SHARED_REGULARISATION,
+        regularisation=FINAL_REGULARISATION,
         expected=None if expected is None else magnify_light(expected, resolution),
     )
     return gbuffer, solved

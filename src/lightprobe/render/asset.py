@@ -133,7 +133,7 @@ def gbuffer_of(
     """Return the G-buffer of a visible surface with `normal` (P, 3) and `material` (P, >=5)."""
     points = surface.pixel, surface.face, surface.position, normal, surface.view
     look = material[:, :3], material[:, 3], material[:, 4]
-    return GBuffer(view.height, view.width, *points, *look, visibility)
+    return GBuffer(view.height, view.width, *points, *look, visibility, view.support)
 
 
 def textured_gbuffer(

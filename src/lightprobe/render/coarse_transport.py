@@ -35,7 +35,7 @@ class CoarseTransport:
         """Return the matrices of all pixels of a G-buffer."""
         operator, lobes = _dense_prefilter(gbuffer.normal.device)
         r = reflectance(gbuffer)
-        sharp = weighted_gather(lobes, *specular_taps(r, gbuffer.normal, operator))
+        sharp = weighted_gather(lobes, *specular_taps(r, gbuffer, operator))
         if gbuffer.visibility is None:
             wide = weighted_gather(lobes, *operator.diffuse_taps(gbuffer.normal))
             parts = [(r.specular, sharp), (r.diffuse, wide)]

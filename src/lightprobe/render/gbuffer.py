@@ -29,6 +29,7 @@ class GBuffer:
     roughness: Tensor  # (P,) perceptual; alpha = roughness^2
     metallic: Tensor  # (P,)
     visibility: PointVisibility | None = None  # what blocks directions at each pixel; None: nothing
+    support: Tensor | None = None  # (4,) as `View.support`
 
     def select(self, rows: Tensor) -> "GBuffer":
         """Return the pixels at `rows` (K,) int64."""
@@ -49,7 +50,7 @@ class GBuffer:
         seen = tensors[len(_PER_PIXEL) :]
         visibility = PointVisibility(VertexVisibility(*seen[:2]), *seen[2:]) if seen else None
         own = dict(zip(_PER_PIXEL, tensors, strict=False))
-        return GBuffer(self.height, self.width, **own, visibility=visibility)
+        return GBuffer(self.height, self.width, **own, visibility=visibility, support=self.support)
 
     @staticmethod
     def one_below_the_other(parts: Sequence["GBuffer"]) -> "GBuffer":
@@ -62,4 +63,4 @@ class GBuffer:
         rest = {name: torch.cat([getattr(part, name) for part in parts]) for name in _PER_PIXEL[1:]}
         seen = [part.visibility for part in parts if part.visibility is not None]
         visibility = PointVisibility.of_all(seen) if seen else None
-        return GBuffer(top, width, torch.cat(pixels), **rest, visibility=visibility)
+        return GBuffer(top, width, torch.cat(pixels), **rest, visibility=visibility, support=parts[0].support)

@@ -22,6 +22,8 @@ from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
 from lightprobe.render.visibility import PointVisibility
 
+_LOWEST = 0.02  # radii above its support that a point is taken to lie at least
+
 
 @dataclass(frozen=True)
 class Reflectance:
@@ -51,12 +53,29 @@ def reflectance(gbuffer: GBuffer) -> Reflectance:
     return Reflectance(reflected, 1.0 - cosine_share, diffuse, mirror, lobes)
 
 
-def specular_taps(r: Reflectance, normal: Tensor, prefilter: Prefilter) -> tuple[Tensor, Tensor]:
+def specular_taps(r: Reflectance, gbuffer: GBuffer, prefilter: Prefilter) -> tuple[Tensor, Tensor]:
     """Return index (P, 16) int32 and weight (P, 16) of the sharp lobes' look-ups, summing to their share."""
-    direction = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
+    normal = gbuffer.normal
+    bent = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
+    direction = [from_center(gbuffer, towards) for towards in bent]
     roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
     index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
     return torch.cat(index.chunk(LOBES), dim=-1), torch.cat(weight.chunk(LOBES), dim=-1)
+
+
+def from_center(gbuffer: GBuffer, direction: Tensor) -> Tensor:
+    """Return where from the object's centre lies what each pixel sees towards `direction` (P, 3), not normalised.
+
+    A ray d from the point p falls on the support's plane n . x = o after t = (n . p - o) / -(n . d), at
+    p + t d = t (d + p / t). What it does not fall on is far away, in the direction d itself. Without a support
+    everything is.
+    """
+    if gbuffer.support is None:
+        return direction
+    normal, offset = gbuffer.support[:3], gbuffer.support[3]
+    position = gbuffer.position.detach()
+    height = (position @ normal - offset).clamp(min=_LOWEST)
+    return direction + position * ((-(direction @ normal)).clamp(min=0) / height)[:, None]
 
 
 @dataclass(frozen=True)
@@ -74,7 +93,7 @@ class Shading:
     def of(gbuffer: GBuffer, prefilter: Prefilter) -> "Shading":
         """Return the factors and look-ups of all pixels of a G-buffer."""
         r = reflectance(gbuffer)
-        taps, factors = [specular_taps(r, gbuffer.normal, prefilter)], [r.specular, r.diffuse]
+        taps, factors = [specular_taps(r, gbuffer, prefilter)], [r.specular, r.diffuse]
         if gbuffer.visibility is None:
             taps.append(prefilter.diffuse_taps(gbuffer.normal))
         else:
@@ -96,7 +115,7 @@ def shade(gbuffer: GBuffer, prefilter: Prefilter, levels: Tensor) -> Tensor:
     Differentiable in the G-buffer's normal, view, base colour, roughness and metallic and in the levels.
     """
     r = reflectance(gbuffer)
-    specular = weighted_gather(levels, *specular_taps(r, gbuffer.normal, prefilter))
+    specular = weighted_gather(levels, *specular_taps(r, gbuffer, prefilter))
     if gbuffer.visibility is None:
         diffuse = weighted_gather(levels, *prefilter.diffuse_taps(gbuffer.normal))
         return r.specular * specular + r.diffuse * diffuse

@@ -13,6 +13,7 @@ from torch import Tensor
 
 from lightprobe.kernels import gather_rows, rasterize, weighted_gather
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.support import SupportPlane
 
 
 @dataclass(frozen=True)
@@ -25,14 +26,18 @@ class View:
     center: Tensor  # (2,) pixels
     width: int
     height: int
+    support: Tensor | None = None  # (4,) normal and offset of the plane that the object stands on, if known
 
     @staticmethod
-    def of(camera: Camera, device: torch.device) -> "View":
-        """Return the view of a normalised-frame camera."""
+    def of(camera: Camera, device: torch.device, support: SupportPlane | None = None) -> "View":
+        """Return the view of a normalised-frame camera, with the support in the same frame."""
         pose = torch.as_tensor(camera.camera_to_world, dtype=torch.float32, device=device)
         focal = torch.tensor([camera.fx, camera.fy], dtype=torch.float32, device=device)
         center = torch.tensor([camera.cx, camera.cy], dtype=torch.float32, device=device)
-        return View(pose[:3, :3], pose[:3, 3], focal, center, camera.width, camera.height)
+        plane = None
+        if support is not None:
+            plane = torch.tensor([*support.normal, support.offset], dtype=torch.float32, device=device)
+        return View(pose[:3, :3], pose[:3, 3], focal, center, camera.width, camera.height, plane)
 
     def project(self, points: Tensor) -> Tensor:
         """Project points (V, 3) to (V, 3): pixel x, pixel y, depth (> 0 in front). Differentiable."""
