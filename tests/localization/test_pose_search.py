@@ -5,10 +5,12 @@ import dataclasses
 import numpy as np
 import pytest
 
+from lightprobe.localization import pose_search
 from lightprobe.localization.appearance import PhotoPyramid
 from lightprobe.localization.matching import Landmarks
-from lightprobe.localization.pose import mean_distance
+from lightprobe.localization.pose import mean_distance, symmetric_turns
 from lightprobe.localization.pose_search import PoseFinder
+from lightprobe.localization.refinement import refine
 from lightprobe.localization.verdict import GOOD_SCORE
 
 
@@ -39,6 +41,22 @@ def test_and_without_any_match_from_the_light_alone(known, views, camera, photo,
     found = poses(PoseFinder(known, dataclasses.replace(views, landmarks=blind)), photo[0], camera.fx)
     assert mean_distance(found[0].camera, camera, points) < 0.5
     assert found[0].fit.agreed == 0
+
+
+@pytest.mark.slow
+def test_copies_that_fit_much_worse_are_looked_at_and_not_refined(known, views, camera, photo, monkeypatch):
+    asked = []
+
+    def noted(*arguments, **options):
+        asked.append(options["steps"])
+        return refine(*arguments, **options)
+
+    monkeypatch.setattr(pose_search, "refine", noted)
+    poses(PoseFinder(known, views), photo[0], camera.fx)
+    turns = len(symmetric_turns(known.mesh))
+    assert turns > 0
+    assert asked.count(0) == turns + 1  # the pose itself is looked at as its copies are
+    assert asked.count(2) <= turns / 2 + 1
 
 
 def test_nearly_the_training_photos_focal_length_is_theirs(known, views):

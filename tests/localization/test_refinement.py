@@ -87,6 +87,16 @@ def test_a_free_focal_length_is_found_as_well(known, camera, pyramid):
     assert refine(known, pyramid, start, diameter=120, steps=3)[0].fx == pytest.approx(start.fx)
 
 
+def test_a_pose_that_stands_still_for_two_steps_is_not_refined_on(known, camera, pyramid):
+    start = moved(camera, np.array([0.05, 0, 0, 0.02, 0, 0, 0]))
+    short, long = (refine(known, pyramid, start, diameter=80, steps=steps) for steps in (1, 6))
+    stopped = refine(known, pyramid, start, diameter=80, steps=6, still=100.0)  # no step moves it that far
+    assert np.array_equal(stopped[0].camera_to_world, short[0].camera_to_world)
+    never = refine(known, pyramid, start, diameter=80, steps=6, still=1e-9)
+    assert np.array_equal(never[0].camera_to_world, long[0].camera_to_world)
+    assert not np.array_equal(short[0].camera_to_world, long[0].camera_to_world)
+
+
 def test_exposure_changes_nothing(known, camera, photo):
     fits = [refine(known, PhotoPyramid(f * photo[0]), camera, diameter=80, steps=0)[1] for f in (1.0, 0.5)]
     assert fits[0].explained == pytest.approx(fits[1].explained, abs=0.02)

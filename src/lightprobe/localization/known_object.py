@@ -8,7 +8,6 @@ from lightprobe.geometry.mesh import uv_tangents
 from lightprobe.geometry.textures import sample
 from lightprobe.imaging import resize_area
 from lightprobe.kernels import rasterize
-from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.asset import Asset, gbuffer_of, shading_normals
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.surface import Surface, View
@@ -17,6 +16,7 @@ from lightprobe.scene.camera import Camera
 
 LIGHT_SIDE = 4  # texels along a cubemap edge of the lights that photos are explained by
 _SAMPLES = 3  # of a silhouette along a pixel's edge, in small photos
+_POINTS = 400  # of the mesh, that poses are compared by
 _SIDE = 3000  # samples along the photo's longer side, at most, unless the photo has more pixels
 
 
@@ -28,6 +28,8 @@ class KnownObject:
         self.asset, self.mesh = asset, asset.mesh
         self._normals, self._tangents = asset.mesh.normals(), uv_tangents(asset.mesh)
         self._flat = asset.textures.flat()
+        vertices = asset.mesh.vertices.cpu().double().numpy()
+        self.points = vertices[:: max(1, len(vertices) // _POINTS)]  # (N, 3), that poses are compared by
 
     @torch.no_grad()
     def transport(self, surface: Surface, view: View) -> Tensor:
@@ -38,10 +40,7 @@ class KnownObject:
         points = None
         if visibility is not None:
             points = PointVisibility.of(visibility, mesh.faces, surface.face, surface.barycentric)
-        matrix = CoarseTransport.of(gbuffer_of(surface, view, normal, material, points)).matrix
-        block = BLOCKS // LIGHT_SIDE
-        pooled = torch.nn.functional.avg_pool2d(matrix.reshape(-1, 1, BLOCKS, BLOCKS), block) * block**2
-        return pooled.reshape(3, -1, 6 * LIGHT_SIDE**2)
+        return CoarseTransport.of(gbuffer_of(surface, view, normal, material, points), LIGHT_SIDE).matrix
 
     def silhouette(self, camera: Camera) -> np.ndarray:
         """Return the coverage (H, W) float32 in [0, 1] of the object seen by a normalised-frame camera."""

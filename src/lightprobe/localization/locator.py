@@ -163,7 +163,8 @@ class Locator:
             raise InputError(f"{image}: {' '.join(verdict.sentences)}")
         if given is None:
             cover = self._known.silhouette(camera.resized(color.shape[1], color.shape[0]))
-            given = cover * (1 - magnified(hidden_share(self._known, pyramid, best.camera), cover.shape))
+            hidden = hidden_share(self._known, pyramid, best.camera)
+            given = cover * (1 - magnified(hidden, cover.shape)) if hidden.any() else cover
         pose = camera.camera_to_world.copy()
         pose[:3, 3] = self._similarity.invert(camera.position)  # in the input frame
         camera = replace(camera, camera_to_world=pose)

@@ -3,7 +3,7 @@
     photo -> poses from matches -> refined by the light; if none is good:
           -> search over sides, places and sizes -> refined, coarse to fine; if none is good:
           -> the best ones moved a little at random, and refined again
-    the best -> its copies, turned as the object's shape is symmetric, refined: one of them may fit as well
+    the best -> its copies, turned as the object's shape is symmetric; those that fit nearly as well, refined
 
 Every pose is judged by the same things: how much of the photo light explains on the object at that pose, whether the
 photo's edges run where the object's outline does, and how many matched features agree (`refinement.Fit`).
@@ -32,12 +32,14 @@ _MATCHED = 4  # poses from matches that are looked at
 _BATCHES = (0, 16, 48)  # detections of a search that are refined at first, and if nothing good comes out
 _SHAKES, _SHAKEN = 8, 2  # random moves of each of so many of the best poses, if nothing good has come out
 _SHAKE = (0.12, 0.12, 0.12, 0.03, 0.03, 0.06, 0.0)  # their size, of `pose.moved`'s steps
-_COPIES = 3  # of a symmetric object's turned poses that are followed to the end
+_BEHIND = 0.5  # score by which a pose that may still become the best is behind it, both refined a little
+_FAR_BEHIND = 0.75  # likewise of a symmetric object's turned pose before any refinement
+_RIVALS = 3  # poses that are compared with the best, refined as finely
 _HOPELESS = 0.8  # score below which nothing right was ever found further on
 _APART = 0.03  # poses that see the object this far apart, in its size, are two
 _FOCALS = (0.7, 0.85, 1.0, 1.2, 1.45, 1.8, 2.4)  # tried, of the training photos', where none is known
 _SAME_LENS = 0.06  # difference of focal lengths: 26 mm of film are told of lenses from 25 to 27
-_POINTS = 400  # of the mesh, that poses are compared by
+_STILL = 0.1  # pixels: a right pose moves by as much because every step draws other pixels of it
 _COARSE, _MIDDLE, _FINE, _FINEST = 40, 80, 130, 250  # pixels of the object's diameter to refine a pose at
 
 
@@ -65,8 +67,6 @@ class PoseFinder:
     def __init__(self, known: KnownObject, views: KnownViews):
         """Take the object and its views, both in the normalised frame."""
         self._known, self._views = known, views
-        vertices = known.mesh.vertices.cpu().double().numpy()
-        self._points = vertices[:: max(1, len(vertices) // _POINTS)]
         self._turns = symmetric_turns(known.mesh)
 
     def calibrated(self, told: float) -> float:
@@ -99,7 +99,7 @@ class PoseFinder:
 
     def pose_uncertainty(self, pyramid: PhotoPyramid, camera: Camera) -> float:
         """Return `refinement.pose_uncertainty` of a pose that `find` returned for the same photo."""
-        return pose_uncertainty(self._known, pyramid, camera, self._points, diameter=_FINEST)
+        return pose_uncertainty(self._known, pyramid, camera, self._known.points, diameter=_FINEST)
 
     def _matched(self, photo: "_Photo") -> list[FittedPose]:
         """Return poses that matched features agree about, refined."""
@@ -137,35 +137,40 @@ class PoseFinder:
     def _copied(self, photo: "_Photo", best: FittedPose) -> list[FittedPose]:
         """Return the best copies of a pose by the symmetries of the object's shape, refined."""
         copies = [replace(best, camera=turn.copy(best.camera)) for turn in self._turns]
-        tried = self._ordered([self._refined(photo, copy, _MIDDLE, 2) for copy in copies])
-        return self._followed(photo, tried[:_COPIES])
+        for steps, behind in ((0, _FAR_BEHIND), (2, _BEHIND)):
+            if not copies:
+                break
+            unturned, *copies = (self._refined(photo, pose, _MIDDLE, steps) for pose in (best, *copies))
+            copies = [pose for pose in copies if pose.fit.score >= unturned.fit.score - behind]
+        return self._followed(photo, copies)
 
     def _compared(self, photo: "_Photo", found: list[FittedPose]) -> list[FittedPose]:
         """Return the poses, best first, with those that score nearly as the best refined as finely as it."""
         near = [pose for pose in found if pose.fit.score >= max(found[0].fit.score - RIVAL, _HOPELESS)]
         if len(near) < 2:
             return found
-        finest = [self._refined(photo, pose, _FINEST, 4) for pose in near[: _COPIES + 1]]
+        finest = [self._refined(photo, pose, _FINEST, 10) for pose in near[: _RIVALS + 1]]
         return self._ordered(finest + found[len(finest) :])
 
     def _followed(self, photo: "_Photo", poses: list[FittedPose]) -> list[FittedPose]:
-        """Return the three best poses refined until they stand still, and the best of these more finely."""
-        found = []
-        for pose in self._ordered(poses)[:3]:
-            better = self._refined(photo, pose, _FINE, 6)
-            if better.fit.score >= _HOPELESS:
-                again = self._refined(photo, better, _FINE, 6)
-                better = max(better, again, key=lambda one: one.fit.score)
-            found.append(better)
-        found = self._ordered(found)
+        """Return the three best poses, of those that may become the best, refined, the best of them more finely."""
+        best = self._ordered(poses)[:3]
+        near = [pose for pose in best if pose.fit.score >= best[0].fit.score - _BEHIND]
+        found = self._ordered([self._refined(photo, pose, _FINE, 12, still=_STILL) for pose in near])
         if found and found[0].fit.score >= _HOPELESS:
-            found[0] = self._refined(photo, found[0], _FINEST, 6)
+            found[0] = self._refined(photo, found[0], _FINEST, 10)
         return found
 
     def _refined(
-        self, photo: "_Photo", start: FittedPose, diameter: float, steps: int, free: bool = True
+        self,
+        photo: "_Photo",
+        start: FittedPose,
+        diameter: float,
+        steps: int,
+        free: bool = True,
+        still: float = 0.0,
     ) -> FittedPose:
-        """Return a pose refined; `free`: with its focal length, where that is unknown."""
+        """Return a pose refined as by `refine`; `free`: with its focal length, where that is unknown."""
         camera, fit = refine(
             self._known,
             photo.pyramid,
@@ -174,6 +179,7 @@ class PoseFinder:
             diameter=diameter,
             steps=steps,
             focal=free and photo.free,
+            still=still,
         )
         return FittedPose(camera, fit)
 
@@ -187,7 +193,7 @@ class PoseFinder:
         for pose in poses:
             camera = pose.camera
             least = _APART * 2 * camera.fx / max(float(np.linalg.norm(camera.position)), 1.0)
-            if all(mean_distance(camera, other.camera, self._points) > least for other in chosen):
+            if all(mean_distance(camera, other.camera, self._known.points) > least for other in chosen):
                 chosen.append(pose)
         return chosen
 

@@ -28,7 +28,7 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.localization.appearance import PhotoPyramid, ScaledPhoto, appearance
 from lightprobe.localization.known_object import KnownObject
 from lightprobe.localization.matching import NO_MATCHES, Matches, Pull
-from lightprobe.localization.pose import PARAMETERS, motion, moved
+from lightprobe.localization.pose import PARAMETERS, mean_distance, motion, moved
 from lightprobe.render.surface import Surface, View, visible_surface
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.overlay import outline
@@ -133,21 +133,28 @@ def refine(
     diameter: float,
     steps: int,
     focal: bool = False,
+    still: float = 0.0,
 ) -> tuple[Camera, Fit]:
     """Return the best pose met in `steps` steps from a normalised-frame `camera` in the photo's pixels.
 
     diameter: pixels of the object's sphere at the size that the photo is scaled to. focal: whether the focal
-    length is free.
+    length is free. still: pixels at that size; the pose stands still, and is not refined any more, when two steps in
+    turn have moved the object by less in the mean.
     """
-    best = None
+    best, motions = None, [np.inf]
     for step in range(steps + 1):
         seen = _Seen.of(known, pyramid, camera, diameter, step, matches)
         if seen is None:
             break
         if best is None or seen.fit.score > best[1].score:
             best = camera, seen.fit
-        if step < steps:
-            camera = moved(camera, seen.step(focal))
+        if step == steps:
+            break
+        start, camera = camera, moved(camera, seen.step(focal))
+        scale = diameter * float(np.linalg.norm(start.position)) / (2 * start.fx)
+        motions.append(mean_distance(start, camera, known.points) * scale)
+        if max(motions[-2:]) < still:
+            break
     return best if best is not None else (camera, Fit(0.0, 0.0))
 
 

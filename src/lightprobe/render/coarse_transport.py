@@ -31,9 +31,12 @@ class CoarseTransport:
 
     @staticmethod
     @torch.no_grad()
-    def of(gbuffer: GBuffer) -> "CoarseTransport":
-        """Return the matrices of all pixels of a G-buffer."""
-        operator, lobes = _dense_prefilter(gbuffer.normal.device)
+    def of(gbuffer: GBuffer, side: int = BLOCKS) -> "CoarseTransport":
+        """Return the matrices of all pixels of a G-buffer.
+
+        side: texels along a face; below 8 the matrices (3, P, 6 `side`^2) are those of `broader`, made faster.
+        """
+        operator, lobes = _dense_prefilter(gbuffer.normal.device, side)
         r = reflectance(gbuffer)
         sharp = weighted_gather(lobes, *specular_taps(r, gbuffer, operator))
         if gbuffer.visibility is None:
@@ -42,7 +45,8 @@ class CoarseTransport:
         else:
             diffuse, ambient, opened = _open_averages(gbuffer.visibility, gbuffer.normal)
             lobe, bounce = occlude(gbuffer, r, opened)
-            parts = [(lobe * r.specular, sharp), (r.diffuse, diffuse), (bounce, ambient)]
+            parts = [(lobe * r.specular, sharp), (r.diffuse, _pooled(diffuse, side))]
+            parts.append((bounce, _pooled(ambient, side)))
         matrix = torch.zeros(3, *sharp.shape, device=sharp.device)
         for factor, average in parts:
             for channel in range(3):
@@ -74,10 +78,19 @@ class CoarseTransport:
 
 
 @functools.lru_cache(maxsize=4)
-def _dense_prefilter(device: torch.device) -> tuple[prefilters.Prefilter, Tensor]:
-    """Return the prefilter of the coarse light and its levels as a matrix (T, 384)."""
+def _dense_prefilter(device: torch.device, side: int) -> tuple[prefilters.Prefilter, Tensor]:
+    """Return the prefilter of the coarse light and its levels as a matrix (T, 6 `side`^2)."""
     operator = prefilters.cached(BLOCKS, device)
-    return operator, operator.dense_levels()
+    return operator, _pooled(operator.dense_levels(), side)
+
+
+def _pooled(weights: Tensor, side: int) -> Tensor:
+    """Return the sums (N, 6 `side`^2) of weights (N, 384) over the blocks of texels that make one broader texel."""
+    if side == BLOCKS:
+        return weights
+    block = BLOCKS // side
+    means = torch.nn.functional.avg_pool2d(weights.reshape(-1, 1, BLOCKS, BLOCKS), block)
+    return (means * block**2).reshape(len(weights), -1)
 
 
 def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
