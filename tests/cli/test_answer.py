@@ -113,6 +113,17 @@ def test_names_that_no_terminal_can_show_are_escaped():
     assert b"out\\udce9" in done.stdout
 
 
+@pytest.mark.parametrize("chosen", [None, "3"])
+def test_numpy_computes_on_one_thread_unless_a_person_chooses(chosen):
+    names = "os.environ['OPENBLAS_NUM_THREADS'], 'numpy' in sys.modules"
+    program = 'import os, sys; from lightprobe.cli.main import program; sys.argv = ["lightprobe", "--version"]; program()'
+    told = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"}
+    told |= {} if chosen is None else {"OPENBLAS_NUM_THREADS": chosen}
+    command = [sys.executable, "-c", f"{program}; print({names})"]
+    done = subprocess.run(command, capture_output=True, env=told, check=True, text=True)
+    assert done.stdout.splitlines()[1] == f"{chosen or '1'} False"  # NumPy looks when it is imported
+
+
 def test_an_answer_is_json_in_any_encoding():
     script = "from lightprobe.cli.answer import answering, say\nwith answering(as_object=True): say('', name='caf\\u00e9')"
     told = {**os.environ, "PYTHONIOENCODING": "ascii:backslashreplace"}

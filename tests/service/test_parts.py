@@ -23,6 +23,7 @@ def test_workers_share_the_cores_and_gpus_get_one_each():
     assert [(one.device, one.threads) for one in two] == [("cuda:0", 8), ("cuda:1", 8)]
     assert assignments(("cuda:1", "cuda:0"), 2, cores=16)[0].device == "cuda:1"
     assert two[0].environment["OMP_NUM_THREADS"] == "8"
+    assert two[0].environment["OPENBLAS_NUM_THREADS"] == "1"  # they spin whatever they are told
 
 
 @pytest.mark.parametrize(

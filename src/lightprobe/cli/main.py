@@ -75,6 +75,7 @@ def program() -> int:
     imported, then and once more at the end; none of it ever is.
     """
     gc.disable()  # `_run` goes on with it
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # of NumPy: as they wait they take PyTorch's cores
     if isinstance(sys.stdout, io.TextIOWrapper):  # names of files need not be of the terminal's characters
         sys.stdout.reconfigure(errors="backslashreplace")
     try:

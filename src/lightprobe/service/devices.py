@@ -20,10 +20,12 @@ class Assignment:
     def environment(self) -> dict[str, str]:
         """What the worker's environment needs to say of it.
 
-        Threads that spin while they wait would take the cores of the workers beside them.
+        Threads that spin while they wait would take the cores of the workers beside them; those of OpenBLAS, NumPy's
+        linear algebra, cannot be told not to.
         """
-        names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-        return {**dict.fromkeys(names, str(self.threads)), "OMP_WAIT_POLICY": "passive"}
+        names = ("OMP_NUM_THREADS", "NUMBA_NUM_THREADS", "MKL_NUM_THREADS")
+        threads = dict.fromkeys(names, str(self.threads))
+        return {**threads, "OPENBLAS_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive"}
 
 
 def assignments(
