@@ -54,7 +54,7 @@ def test_tracebacks_go_to_a_new_private_file(scene, tmp_path, capsys, monkeypatc
     (tmp_path / "temporary").mkdir()
     (tmp_path / "precious").write_text("mine")
     (tmp_path / "temporary" / "lightprobe-error.txt").symlink_to(tmp_path / "precious")
-    monkeypatch.setattr("lightprobe.runs.training.load_scene", lambda *a: 1 // 0)
+    monkeypatch.setattr("lightprobe.runs.training.load_checked_scene", lambda *a: 1 // 0)
     for _ in range(2):
         assert (
             fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["ZeroDivisionError", "lightprobe-error-"])
@@ -84,7 +84,7 @@ def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, mon
         warnings.warn("an old function", DeprecationWarning, stacklevel=1)
         raise InputError("This is the sentence.")
 
-    monkeypatch.setattr("lightprobe.runs.training.load_scene", warn)
+    monkeypatch.setattr("lightprobe.runs.training.load_checked_scene", warn)
     with warnings.catch_warnings(record=True) as seen:
         fails(["fit", scene, "-o", tmp_path / "run"], capsys, ["This is the sentence."])
     assert seen == []
@@ -93,7 +93,7 @@ def test_warnings_of_libraries_are_not_for_the_user(scene, tmp_path, capsys, mon
         warnings.warn("Photos are upside down.", LightprobeWarning, stacklevel=1)
         raise InputError("This is the sentence.")
 
-    monkeypatch.setattr("lightprobe.runs.training.load_scene", warn_too)
+    monkeypatch.setattr("lightprobe.runs.training.load_checked_scene", warn_too)
     assert main(["fit", str(scene), "-o", str(tmp_path / "run")]) == InputError.exit_code
     said = capsys.readouterr().err.splitlines()
     assert said == ["lightprobe: warning: Photos are upside down.", "lightprobe: This is the sentence."]

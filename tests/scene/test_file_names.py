@@ -73,7 +73,7 @@ AWAY = {
     "absolute, flat": "/content/drive/MyDrive/{}.png",
     "address": "file:///home/ann/my%20shoot/images/{}.png",
     "address of a drive": "file:///C:/shoot/images/{}.png",
-    "up and down again": "/home/ann/work/../shoot/images/{}.png",
+    "up and down again": "/home/ann/photos/../shoot/images/{}.png",
     "from another folder": "data/shoot/images/{}.png",
 }
 

@@ -10,7 +10,7 @@ from PIL import ImageDraw
 from lightprobe.core.errors import InputError, LightprobeWarning
 from lightprobe.scene import load_scene
 from lightprobe.scene.inspect import inspect
-from lightprobe.scene.loading import check_scene
+from lightprobe.scene.loading import load_checked_scene
 from tests.scene.demo_shots import (
     SIDE,
     demo_shots,
@@ -236,7 +236,7 @@ def test_a_scene_that_cannot_be_right_is_not_loaded_for_a_training(tmp_path):
     root = write_shots(tmp_path / "scene", [inverted(shot) for shot in shots], common)
     assert len(load_scene(root).train) == 18
     with pytest.raises(InputError, match=r"cannot be trained on\. The masks of all 20 photos look inverted"):
-        check_scene(load_scene(root))
+        load_checked_scene(root)
 
 
 @pytest.mark.slow
@@ -245,7 +245,7 @@ def test_a_doubtful_scene_is_loaded_with_a_warning(tmp_path):
     shots[5] = inverted(shots[5])
     root = write_shots(tmp_path / "scene", shots, common)
     with pytest.warns(LightprobeWarning) as caught:
-        check_scene(load_scene(root))
+        load_checked_scene(root)
     assert [str(one.message) for one in caught] == list(inspect(root).hints)
     assert "1 of 20 photos (p05) look inverted" in str(caught[0].message)
 

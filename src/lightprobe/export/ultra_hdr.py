@@ -24,13 +24,14 @@ from PIL import Image
 from lightprobe.core.errors import LightprobeWarning
 from lightprobe.core.files import write_bytes
 from lightprobe.imaging import srgb_decode, srgb_encode
+from lightprobe.imaging.gain_map import ISO_NAME
 from lightprobe.light.display import tone_mapped
 
 DARKEST, BRIGHTEST = 0.01, 8.0  # radiance that the file holds: for lamps, eight bits are too coarse
 _PEAK, _WIDEST = 4.0, 2.5  # f times the greatest radiance; stops between the least and the greatest gain
 _MILLION = 1_000_000  # denominator of ISO's fractions
 _APP1, _APP2 = 0xE1, 0xE2
-_XMP, _ISO = b"http://ns.adobe.com/xap/1.0/\0", b"urn:iso:std:iso:ts:21496:-1\0"
+_XMP = b"http://ns.adobe.com/xap/1.0/\0"
 _HDRGM, _CONTAINER = "http://ns.adobe.com/hdr-gain-map/1.0/", "http://ns.google.com/photos/1.0/container/"
 _ITEM = (
     '<rdf:li rdf:parseType="Resource"><Container:Item Item:Semantic="{}" Item:Mime="image/jpeg"{}/></rdf:li>'
@@ -69,11 +70,11 @@ def encode_ultra_hdr(image: np.ndarray) -> bytes:
     told = {"GainMapMin": low, "GainMapMax": high, "Gamma": 1.0, "OffsetSDR": 0.0, "OffsetHDR": 0.0}
     told |= {"HDRCapacityMin": 0.0, "HDRCapacityMax": high, "BaseRenditionIsHDR": False}
     attributes = "".join(f' hdrgm:{name}="{value}"' for name, value in told.items())
-    second = _with_segments(second, _xmp(attributes) + _segment(_APP2, _ISO + _iso_metadata(low, high)))
+    second = _with_segments(second, _xmp(attributes) + _segment(_APP2, ISO_NAME + _iso_metadata(low, high)))
     items = _ITEM.format("Primary", "") + _ITEM.format("GainMap", f' Item:Length="{len(second)}"')
     spaces = f' xmlns:Container="{_CONTAINER}" xmlns:Item="{_CONTAINER}item/"'
     container = _xmp(spaces, f"<Container:Directory><rdf:Seq>{items}</rdf:Seq></Container:Directory>")
-    first = _with_segments(first, container + _segment(_APP2, _ISO + bytes(4)))  # bytes: versions 0
+    first = _with_segments(first, container + _segment(_APP2, ISO_NAME + bytes(4)))  # bytes: versions 0
     return _with_index(first, second)
 
 

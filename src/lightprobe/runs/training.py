@@ -27,7 +27,7 @@ from lightprobe.runs.phases import (
 from lightprobe.runs.preparing import prepared_in
 from lightprobe.runs.progress import OnProgress, silent
 from lightprobe.scene import load_scene
-from lightprobe.scene.loading import check_scene
+from lightprobe.scene.loading import load_checked_scene
 from lightprobe.scene.photo import Scene
 from lightprobe.scene.plain_photos import is_plain
 
@@ -95,9 +95,7 @@ def _written(
     folder: Path, output: Path, restart: bool, on_progress: OnProgress
 ) -> Iterator[tuple[RunFolder, Scene]]:
     """Hold the run at `output` for writing; yield it and the scene in `folder`, or that made of its plain photos."""
-    scene = None if is_plain(folder) else load_scene(folder)
-    if scene is not None:
-        check_scene(scene)
+    scene = None if is_plain(folder) else load_checked_scene(folder)
     run = RunFolder.create(output)
     with writing(run):
         if restart:

@@ -237,17 +237,14 @@ def diagnose_inverted(views: Sequence[View]) -> Diagnosis | None:
         return None
     cause = inverted()
     changed = cause.change(views)
-    mixed = [changed[i] if is_one else views[i] for i, is_one in enumerate(suspects)]
-    chosen = [mixed[i] for i in _sample(mixed)]
-    hull = trial_hull(chosen)
-    after = agreements(mixed, hull)[suspects]
-    convincing = suspects & (agreements(mixed, hull) >= _CONVINCING)
+    mixed = _mixed(changed, views, range(len(views)), suspects)
+    hull = trial_hull([mixed[i] for i in _sample(mixed)])
+    fits = agreements(mixed, hull)
+    convincing = suspects & (fits >= _CONVINCING)
     if not convincing.any():
         return None
-    before = agreements(views, hull)[suspects]
-    return Diagnosis(
-        cause, tuple(np.flatnonzero(convincing).tolist()), float(before.mean()), float(after.mean())
-    )
+    before, after = agreements(views, hull)[suspects].mean(), fits[suspects].mean()
+    return Diagnosis(cause, tuple(np.flatnonzero(convincing).tolist()), float(before), float(after))
 
 
 def _look_inverted(views: Sequence[View]) -> list[bool]:

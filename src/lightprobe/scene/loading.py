@@ -54,23 +54,43 @@ def load_scene(path: Path) -> Scene:
     damaged or contradictory; `lightprobe.scene.inspect.inspect` lists all of them. Warns of what can be
     trained on, but not well.
     """
+    return _loaded(path)[0]
+
+
+def load_checked_scene(path: Path) -> Scene:
+    """Return `load_scene(path)`, its masks and cameras compared as `inspect` does, before it is trained on.
+
+    Also raises `InputError` where no object can come of them, and warns of what is doubtful.
+    """
+    scene, masks = _loaded(path)
+    photos = [*scene.train, *scene.test, *scene.relight]
+    found = judge(scene.train, photos[len(scene.train) :], masks, scene.root)
+    if found.refusals:
+        raise InputError(f"{scene.root} cannot be trained on. {found.refusals[0]}")
+    for sentence in (*unposed_sentences(scene.root, [photo.image_path for photo in photos]), *found.doubts):
+        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+    return scene
+
+
+def _loaded(path: Path) -> tuple[Scene, dict[str, np.ndarray]]:
+    """Return what `load_scene` does, and the small masks (h, w) float32 of all photos by name."""
     problems = Problems()
     reading = read_folder(Path(path), problems)
     photos = [photo for _, photo in reading.all_photos()]
-    found = in_parallel(_thumbnail_mask, photos)
+    found = in_parallel(lambda photo: load_alpha(photo, THUMBNAIL), photos)
     masks = {photo.name: result() for photo, result in found}
     bare, sentence = without_background(masks)
     if 2 * bare >= len(masks) > 0:  # a close-up of the object alone is possible, but not of most photos
         raise InputError(f"{reading.root}: {sentence}")
     if bare:
-        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+        warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     for sentence in encoding_sentences(photos):
-        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
+        warnings.warn(sentence, LightprobeWarning, stacklevel=3)
     train = reading.photos[Split.TRAIN]
     similarity = find_similarity([photo.camera for photo in train], [masks[photo.name] for photo in train])
     test, relight = reading.photos[Split.TEST], reading.photos[Split.RELIGHT]
     support = common_support([photo.support for photo in train], similarity.scale)
-    return Scene(reading.root, reading.format, train, test, relight, similarity, support)
+    return Scene(reading.root, reading.format, train, test, relight, similarity, support), masks
 
 
 def read_folder(path: Path, problems: Problems) -> Reading:
@@ -110,20 +130,6 @@ def in_parallel(
             pool.shutdown(cancel_futures=True)
 
 
-def check_scene(scene: Scene) -> None:
-    """Compare the masks and cameras of a scene before it is trained on, as `inspect` does.
-
-    Raises `InputError` where no object can come of them, and warns of what is doubtful.
-    """
-    photos = [*scene.train, *scene.test, *scene.relight]
-    masks = {photo.name: result() for photo, result in in_parallel(_thumbnail_mask, photos)}
-    found = judge(scene.train, photos[len(scene.train) :], masks, scene.root)
-    if found.refusals:
-        raise InputError(f"{scene.root} cannot be trained on. {found.refusals[0]}")
-    for sentence in (*unposed_sentences(scene.root, [photo.image_path for photo in photos]), *found.doubts):
-        warnings.warn(sentence, LightprobeWarning, stacklevel=2)
-
-
 def unposed_sentences(root: Path, files: Iterable[Path]) -> list[str]:
     """Return a sentence about the photos in `images/` of the scene `root` that are not among `files`, if any."""
     left = unposed_images(root, files)
@@ -145,11 +151,6 @@ def has_cameras(root: Path) -> bool:
     """Return whether a folder holds the cameras of one of the layouts that are read."""
     names = (transforms.TRAIN, transforms.SINGLE, nerd.POSES)
     return any((root / name).is_file() for name in names) or colmap.find_model(root) is not None
-
-
-def _thumbnail_mask(photo: Photo) -> np.ndarray:
-    """Return the coverage of a photo, (h, w) float32, small."""
-    return load_alpha(photo, THUMBNAIL)
 
 
 def _read_frames(root: Path, problems: Problems) -> tuple[Path, str, list[Frame]]:
