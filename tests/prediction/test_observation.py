@@ -11,6 +11,7 @@ from lightprobe.evaluation.metrics import environment_log_rmse, log_difference
 from lightprobe.light import prefilter
 from lightprobe.prediction import Method, PredictConfig, Predictor
 from lightprobe.prediction.observation import exposed, joined, observe, relative_exposures
+from lightprobe.prediction.verdict import judge
 from lightprobe.render.transport import Transport
 from lightprobe.scene.photo import Pixels
 from tests.lit_sphere import CPU, patch_light, photograph
@@ -79,6 +80,33 @@ def test_what_shows_nothing_is_refused(sphere, photo):
         observe(sphere, photo, CAMERA.resized(32, 32), CPU, 65_536)
     with pytest.raises(InputError, match="Only 0 pixels of the mask"):
         observe(sphere, Pixels.of(photo.color, np.zeros_like(photo.alpha)), CAMERA, CPU, 65_536)
+
+
+@pytest.mark.parametrize(
+    ("spoilt", "sentence"),
+    [
+        (lambda mask: 1 - mask, "the mask looks inverted"),
+        (lambda mask: np.rot90(mask), "turned by 90 degrees it would fit"),
+        (lambda mask: np.rot90(mask, 2), "upside down"),
+        (lambda mask: np.rot90(mask, -1), "turned by 270 degrees it would fit"),
+        (lambda mask: mask[:, ::-1], "mirrored"),
+        (lambda mask: np.roll(mask, 30, 0), None),
+    ],
+)
+def test_a_mask_that_is_turned_or_inverted_is_told_by_what_would_mend_it(sphere, spoilt, sentence):
+    camera = replace(camera_at((0.0, -4.5, 0.1), size=64, focal=60.0), cx=24.0, cy=18.0)
+    photo = photograph(sphere, camera, LIGHT)
+    wrong = Pixels.of(photo.color, spoilt(photo.alpha).copy())
+    assert observe(sphere, photo, camera, CPU, 65_536).mask_mistake is None
+    told = what_is_told(sphere, wrong, camera)
+    assert (sentence or "check the pose and the mask") in told
+
+
+def what_is_told(asset, photo, camera) -> str:
+    try:
+        return " ".join(judge(observe(asset, photo, camera, CPU, 65_536), 0).sentences)
+    except InputError as error:
+        return str(error)
 
 
 @pytest.fixture(scope="module")

@@ -31,10 +31,14 @@ from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
+from lightprobe.scene.consistency import overlap as intersection_over_union
 from lightprobe.scene.photo import OPAQUE, Pixels
 
 _HALF = 0.5  # coverage from which a pixel counts as the object's
 _FEWEST_PIXELS = 16  # that a light can be found from
+SAME_PLACE = (
+    0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
+)
 _PIXELS = 1024  # of each photo that exposures are found from
 _STRENGTH = 0.03  # of the coarse light's pull to grey
 _TURNS = 20  # of light and exposures; they settle to a thousandth in about ten
@@ -52,6 +56,7 @@ class Observation:
     light_level: Tensor  # () radiance of the constant light that explains the photo's total luma
     overlap: float  # of the mask and the rasterised object, intersection over union
     offset: float  # between the centres of both, in object radii at the object's distance
+    mask_mistake: str | None = None  # what the mask looks like where only that explains a small overlap
 
     def drawn(self, count: int, seed: int, stream: str) -> Tensor:
         """Return at most `count` indices (N,) int64 of trusted pixels, drawn from a named random stream."""
@@ -79,15 +84,43 @@ def observe(
     cover = torch.from_numpy(pixels.alpha).to(device).reshape(-1)
     covered = cover[gbuffer.pixel]
     rows = (covered >= OPAQUE).nonzero()[:, 0]
+    overlap, mistake = _overlap(cover, covered), None
+    if overlap < SAME_PLACE:
+        shown = np.zeros(pixels.alpha.shape, bool)
+        shown.flat[gbuffer.pixel.cpu().numpy()] = True
+        mistake = _mistake(pixels.alpha >= _HALF, shown)
     if len(rows) < _FEWEST_PIXELS:
+        advice = "check the pose and the mask." if mistake is None else mistake
         raise InputError(
-            f"Only {len(rows)} pixels of the mask show the object as seen by this camera; check the pose and the mask."
+            f"Only {len(rows)} pixels of the mask show the object as seen by this camera; {advice}"
         )
     at = gbuffer.pixel[rows]
     seen = probe_pixels(gbuffer, rows, torch.from_numpy(pixels.color).to(device).reshape(-1, 3)[at])
     hidden = torch.from_numpy(pixels.clipped).to(device).reshape(-1, 3)[at]
-    overlap, offset = _overlap(cover, covered), _offset(cover >= _HALF, gbuffer.pixel, camera)
-    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), overlap, offset)
+    offset = _offset(cover >= _HALF, gbuffer.pixel, camera)
+    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), overlap, offset, mistake)
+
+
+def _mistake(mask: np.ndarray, shown: np.ndarray) -> str | None:
+    """Return what is wrong with a mask (H, W) bool, and the remedy, where that alone keeps it off the object.
+
+    shown (H, W) bool: the pixels of the object as the camera sees it.
+    """
+    turns = {90 * number: np.rot90(mask, -number) for number in (1, 2, 3)}
+    told = "turned by {} degrees it would fit: `mogrify -rotate {} MASK` turns it, if the photo is upright."
+    found = {
+        "the mask looks inverted; the object must be white (or opaque) and all else black.": ~mask,
+        "the mask looks mirrored: `mogrify -flop MASK` undoes it.": mask[:, ::-1],
+        **{f"the mask lies on its side: {told.format(turn, turn)}": turns[turn] for turn in (90, 270)},
+        f"the mask is upside down: {told.format(180, 180)}": turns[180],
+    }
+    fits = {
+        sentence: intersection_over_union(other, shown)
+        for sentence, other in found.items()
+        if other.shape == mask.shape
+    }
+    best = max(fits, key=fits.__getitem__)
+    return best if fits[best] >= SAME_PLACE else None
 
 
 def _overlap(cover: Tensor, covered: Tensor) -> float:
@@ -121,8 +154,11 @@ def joined(observations: Sequence[Observation]) -> Observation:
     pixels = ProbePixels.joined([one.pixels for one in observations])
     rows = torch.arange(len(pixels), device=gbuffer.pixel.device)
     clipped = torch.cat([one.clipped for one in observations])
-    overlap, offset = min(one.overlap for one in observations), max(one.offset for one in observations)
-    return Observation(gbuffer, rows, pixels, clipped, pixels.light_level(), overlap, offset)
+    worst = min(observations, key=lambda one: one.overlap)
+    offset = max(one.offset for one in observations)
+    return Observation(
+        gbuffer, rows, pixels, clipped, pixels.light_level(), worst.overlap, offset, worst.mask_mistake
+    )
 
 
 @torch.no_grad()

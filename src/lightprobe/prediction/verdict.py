@@ -31,7 +31,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.light.photometry import exposure_unit, one_sided_residual, relative_tone_weight, tone_map
-from lightprobe.prediction.observation import Observation
+from lightprobe.prediction.observation import SAME_PLACE, Observation
 from lightprobe.render.coarse_transport import CoarseTransport
 
 _PIXELS = 1024  # that the verdict's light is solved from
@@ -50,7 +50,6 @@ _NOTHING_EXPLAINED = 0.0  # negatives, grey, noise: below, the last just below o
 _WELL_EXPLAINED = 0.6  # good: .63 and more; turned by .2: at most .60; moved by .05 across the view: .56
 _CHROMA_EXPLAINED = 0.55  # good: .71 and more; red, green and blue exchanged: at most .47
 _MUCH_CLIPPED = 0.4  # good: at most .11; three times too bright: .48, eight times: .25 to .83
-_SAME_PLACE = 0.8  # right cameras have more than .94, also on photos from the internet
 _BESIDE = 0.025  # good: .001, the cape's own masks and hull .024; moved by .05 across the view: .049 and more
 _APART = 0.25  # two to four photos of one light: at most .24; of different lights mostly above .3
 _DOUBT = 0.3  # doubtful photos of the demo: their maps err by .16 to .38 more in ln radiance
@@ -80,6 +79,7 @@ class PhotoVerdict:
     overlap: float  # of mask and rasterised object, intersection over union
     offset: float  # between the centres of both, in object radii
     apart: float | None = None  # of several photos; see the module's head
+    mask_mistake: str | None = None  # as `Observation.mask_mistake`
 
     @property
     def status(self) -> PhotoStatus:
@@ -111,10 +111,14 @@ class PhotoVerdict:
         return [(PhotoStatus.DOUBTFUL, sentence) for sentence in self._doubts()]
 
     def _doubts(self) -> Iterator[str]:
-        if self.overlap < _SAME_PLACE:
+        if self.overlap < SAME_PLACE:
+            reason = (
+                "unless the mask leaves part of the object out, the camera or the object is another one, and the map is "
+                "wrong."
+            )
             yield (
-                f"The mask and the object as this camera sees it overlap by only {100 * self.overlap:.0f} %. Unless "
-                "the mask leaves part of the object out, the camera or the object is another one, and the map is wrong."
+                f"The mask and the object as this camera sees it overlap by only {100 * self.overlap:.0f} %: "
+                f"{self.mask_mistake or reason}"
             )
         elif self.offset > _BESIDE:
             yield (
@@ -169,6 +173,7 @@ def judge(observation: Observation, seed: int) -> PhotoVerdict:
         level=float(observation.pixels.color.mean()),
         overlap=observation.overlap,
         offset=observation.offset,
+        mask_mistake=observation.mask_mistake,
     )
 
 
