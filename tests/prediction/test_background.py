@@ -1,8 +1,5 @@
 """The background of a photo: which directions it shows, and what a map makes of it."""
 
-import math
-from dataclasses import replace
-
 import numpy as np
 import pytest
 import torch
@@ -12,16 +9,14 @@ from lightprobe.light import cubemap
 from lightprobe.models import Decomposition
 from lightprobe.models.calibration import Calibration
 from lightprobe.prediction import Method, PredictConfig, Predictor
-from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
+from lightprobe.prediction.background import BackgroundUse, with_background
 from lightprobe.prediction.confidence import confidence
 from lightprobe.prediction.observation import observe
+from lightprobe.render.seen_light import SeenLight
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Similarity
-from tests.lit_sphere import CPU, patch_light, photograph
-from tests.shapes import camera_at
-
-CAMERA = camera_at((2.6, 1.4, 1.2), size=64, focal=60.0)
-LIGHT = patch_light((0.2, 1.0, 0.5)) * (1 + 0.5 * cubemap.directions(16)[..., 2:])
+from tests.backgrounds import CAMERA, LIGHT, around
+from tests.lit_sphere import CPU, photograph
 
 
 @pytest.fixture(scope="module")
@@ -39,47 +34,8 @@ def background(photo):
     return around(photo, LIGHT)
 
 
-def around(photo, light, white: float = math.inf) -> Background:
-    """Return the background of a photo, `light` infinitely far, clipped at `white`."""
-    row, column = np.mgrid[:64, :64]
-    local = np.stack([(column + 0.5 - CAMERA.cx) / 60, -(row + 0.5 - CAMERA.cy) / 60, -np.ones((64, 64))], -1)
-    texel = cubemap.nearest_texel(torch.from_numpy(local @ CAMERA.camera_to_world[:3, :3].T), light.shape[1])
-    color = light.reshape(-1, 3)[texel].numpy()
-    return Background(np.minimum(color, white), photo.alpha == 0, color >= white, CAMERA)
-
-
 def rmse(light):
     return environment_log_rmse(log_difference(light, LIGHT))
-
-
-def test_the_background_is_gathered_by_direction(background):
-    seen = SeenLight.of(background, 16, CPU)
-    whole = seen.share > 0.9
-    assert int(whole.sum()) > 20
-    torch.testing.assert_close(seen.radiance[whole], LIGHT[whole], rtol=1e-5, atol=1e-6)
-    ahead = cubemap.directions(16) @ -torch.tensor(CAMERA.camera_to_world[:3, 2], dtype=torch.float32)
-    assert float(ahead[seen.share > 0].min()) > math.cos(math.atan(math.hypot(32, 32) / 60)) - 0.1
-    everything = SeenLight.of(replace(background, seen=np.ones((64, 64), bool)), 16, CPU)
-    size = float((everything.share * cubemap.solid_angles(16)).sum())
-    edge = math.atan2(1, 60 * 60 / 32 / 32 * math.sqrt(1 + 2 * (32 / 60) ** 2))  # a quarter of the picture
-    assert size == pytest.approx(4 * edge, rel=0.03)
-
-
-def test_several_backgrounds_are_brought_to_one_exposure(background):
-    one = SeenLight.of(background, 16, CPU)
-    other = SeenLight(3 * one.radiance, one.share, one.clipped)
-    both = SeenLight.joined([one, other], torch.tensor([1.0, 3.0]))
-    seen = one.share > 0
-    torch.testing.assert_close(both.radiance[seen], one.radiance[seen])
-    assert float(both.share.max()) == 1
-    clipped = SeenLight(one.radiance, one.share, torch.ones_like(one.clipped))
-    long = replace(clipped, radiance=torch.ones_like(one.radiance))  # white, at four times the exposure
-    both = SeenLight.joined([one, long], torch.tensor([1.0, 4.0]))
-    assert not both.clipped[seen].any()
-    torch.testing.assert_close(both.radiance[seen], one.radiance[seen])
-    bounds = SeenLight.joined([clipped, long], torch.tensor([1.0, 4.0]))
-    assert bounds.clipped.all()
-    torch.testing.assert_close(bounds.radiance[seen], one.radiance[seen].clamp(min=0.25))
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.6])

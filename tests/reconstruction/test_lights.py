@@ -6,10 +6,12 @@ import pytest
 import torch
 
 from lightprobe.core.config import DecomposeConfig, LightUpdate
+from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.reconstruction import lights as lights_module
-from lightprobe.reconstruction.lights import GREY, Lights, LightSolver, solve_target_light
+from lightprobe.reconstruction.lights import GREY, LightPull, Lights, LightSolver, solve_target_light
 from lightprobe.reconstruction.photos import Target
+from lightprobe.render.seen_light import SeenLight
 from lightprobe.render.split_sum import shade
 from lightprobe.render.surface import View
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
@@ -244,11 +246,30 @@ def test_with_the_support_at_its_distance_photos_of_a_place_share_one_light():
     start, expected = torch.full((6, 16, 16, 3), 0.5), sky(CONFIG.light_resolution).clamp(max=3)
     expected = expected / expected.mean((0, 1, 2))
     solved = [
-        solve_target_light(target.color, target.clipped, seen, start, None, CONFIG, 3, expected=expected)
+        solve_target_light(
+            target.color, target.clipped, seen, start, None, CONFIG, 3, pull=LightPull(expected)
+        )
         for seen in (gbuffer, replace(gbuffer, support=torch.tensor([0.0, 0.0, 1.0, -100.0])))
     ]
     free, held = (float((x / x.mean((0, 1, 2)) - expected).abs().mean()) for x in solved)
     assert held < 0.5 * free
+
+
+def test_a_light_is_what_its_photo_shows_of_it():
+    """Behind a sphere that is seen from one side; brighter than a bound from below costs nothing."""
+    light, photos = two_sides()
+    target, gbuffer = photos[0]
+    behind = (cubemap.directions(16)[..., 0] < -0.6).float()
+    shown = LightPull(seen=SeenLight(light, behind, torch.zeros(6, 16, 16, 3, dtype=torch.bool)))
+    bound = LightPull(seen=SeenLight(0.01 * light, behind, torch.ones(6, 16, 16, 3, dtype=torch.bool)))
+    start = torch.full((6, 16, 16, 3), 0.5)
+    alone, held, bounded = (
+        solve_target_light(target.color, target.clipped, gbuffer, start, None, CONFIG, 3, pull=pull)
+        for pull in (LightPull(), shown, bound)
+    )
+    missing = [float((found - light)[behind > 0].abs().mean()) for found in (alone, held, bounded)]
+    assert missing[1] < 0.3 * missing[0]
+    assert missing[2] == pytest.approx(missing[0], rel=0.2)
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ import torch
 
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.reconstruction import validation
-from lightprobe.reconstruction.lights import FINAL_REGULARISATION, REGULARISATION
+from lightprobe.reconstruction.lights import FINAL_REGULARISATION, REGULARISATION, LightPull
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
@@ -76,12 +76,12 @@ def test_a_light_of_an_asset_that_stays_is_pulled_as_final_lights_are(monkeypatc
     pulls, solve = [], validation.solve_target_light
 
     def watched(*given, regularisation, **named):
-        pulls.append((regularisation, named["expected"]))
+        pulls.append((regularisation, named["pull"].shape))
         return solve(*given, regularisation=regularisation, **named)
 
     monkeypatch.setattr(validation, "solve_target_light", watched)
     fit_light(true, photo, 16, CONFIG, 0)
-    fit_light(true, photo, 16, CONFIG, 0, expected=torch.ones(6, 8, 8, 3))
+    fit_light(true, photo, 16, CONFIG, 0, pull=LightPull(torch.ones(6, 8, 8, 3)))
     assert [pull for pull, _ in pulls] == 2 * [FINAL_REGULARISATION]
     assert FINAL_REGULARISATION > REGULARISATION
     assert pulls[0][1] is None

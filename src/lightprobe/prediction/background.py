@@ -18,11 +18,8 @@ expected error is left out, and so is a background that does so in the mean.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from enum import StrEnum
 
-import numpy as np
 import torch
 from torch import Tensor
 
@@ -33,7 +30,7 @@ from lightprobe.light.resize import magnify_light, resize_light
 from lightprobe.prediction.observation import Observation
 from lightprobe.prediction.solve import Correction, FitPixels
 from lightprobe.render.coarse_transport import TEXELS
-from lightprobe.scene.background import Background
+from lightprobe.render.seen_light import SeenLight
 
 _FLOOR = 0.02  # of the map's mean radiance: darker is all alike
 _WIDTH = math.radians(25)  # over which what errors have in common falls to 1/e
@@ -55,51 +52,6 @@ class BackgroundUse(StrEnum):
     """The map follows it."""
     CONTRADICTED = "contradicted"
     """The object's reflections contradict it: it is probably near the object, and was left out."""
-
-
-@dataclass(frozen=True)
-class SeenLight:
-    """What backgrounds show, on a cubemap in the axes of the scene."""
-
-    radiance: Tensor  # (6, R, R, 3) linear mean over the seen part of each texel, in the photo's exposure
-    share: Tensor  # (6, R, R) in [0, 1], how much of each texel is seen
-    clipped: Tensor  # (6, R, R, 3) bool: the radiance is a lower bound
-
-    def divided(self, factor: Tensor) -> "SeenLight":
-        """Return the same light with its radiance divided by `factor`, () or (3,) > 0."""
-        return replace(self, radiance=self.radiance / factor)
-
-    @staticmethod
-    def of(background: Background, resolution: int, device: torch.device) -> "SeenLight":
-        """Gather the pixels of a background by the directions that they look at."""
-        camera, (row, column) = background.camera, np.nonzero(background.seen)
-        x, y = (column + 0.5 - camera.cx) / camera.fx, -(row + 0.5 - camera.cy) / camera.fy
-        angle = (x * x + y * y + 1) ** -1.5 / (camera.fx * camera.fy)  # of each pixel, in steradians
-        direction = np.stack([x, y, -np.ones_like(x)], -1) @ camera.camera_to_world[:3, :3].T
-        texel = cubemap.nearest_texel(torch.from_numpy(direction), resolution)
-        parts = background.color[row, column], background.clipped[row, column], np.ones((len(row), 1))
-        values = np.concatenate(parts, 1)
-        total = torch.zeros(6 * resolution**2, 7, dtype=torch.float64)
-        total.index_add_(0, texel, torch.from_numpy(values * angle[:, None]))
-        mean = (total[:, :6] / total[:, 6:].clamp_min(1e-12)).reshape(6, resolution, resolution, 6)
-        share = total[:, 6].reshape(6, resolution, resolution) / cubemap.exact_solid_angles(resolution)
-        share = share.clamp(max=1).float().to(device)
-        return SeenLight(mean[..., :3].float().to(device), share, (mean[..., 3:] > 0).to(device))
-
-    @staticmethod
-    def joined(parts: Sequence["SeenLight"], exposures: Tensor) -> "SeenLight":
-        """Return what photos of one light show, in the first one's exposure; `exposures` (N,) relative to it.
-
-        A texel has the mean of the photos that show it unclipped; where none does, the largest lower bound.
-        """
-        share = torch.stack([part.share for part in parts])
-        pairs = zip(parts, exposures, strict=True)
-        scaled = torch.stack([part.radiance / exposure for part, exposure in pairs])
-        told = share[..., None] * ~torch.stack([part.clipped for part in parts])
-        bound = torch.where(share[..., None] > 0, scaled, 0.0).amax(0)
-        mean = (told * scaled).sum(0) / told.sum(0).clamp_min(1e-12)
-        clipped = told.sum(0) == 0
-        return SeenLight(torch.where(clipped, bound, mean), share.sum(0).clamp(max=1), clipped)
 
 
 def with_background(

@@ -25,7 +25,7 @@ from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
 from lightprobe.models.light_accuracy import LightAccuracy
 from lightprobe.models.probe_model import ProbeModel
-from lightprobe.prediction.background import BackgroundUse, SeenLight, with_background
+from lightprobe.prediction.background import BackgroundUse, with_background
 from lightprobe.prediction.confidence import confidence
 from lightprobe.prediction.observation import Observation, exposed, joined, observe, relative_exposures
 from lightprobe.prediction.optimize import optimize_environment, refine_environment
@@ -40,6 +40,7 @@ from lightprobe.prediction.prior import (
 from lightprobe.prediction.solve import solve_environment
 from lightprobe.prediction.source_fit import fitted_sources
 from lightprobe.prediction.verdict import PhotoStatus, judge_together
+from lightprobe.render.seen_light import SeenLight
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.photo import Pixels

@@ -7,10 +7,11 @@ Photos of one place (`Photo.light_group`) were taken under one light, up to expo
 does not show of it, the others may: a light is pulled to the mean of the others'. What stands close by, the table above
 all, is seen at another place in the mirror of another view. Where its plane is known (`View.support`), it is looked up
 where the mirror's ray meets it, and the lights of a place are all but one; else they are pulled where their pixels do not
-pin them, no more.
+pin them, no more. And what a photo shows of its support beside the object is that part of its light, in its exposure.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -19,9 +20,11 @@ from lightprobe.core.config import DecomposeConfig, LightUpdate
 from lightprobe.core.device import generator, to_device
 from lightprobe.light import prefilter as prefilters
 from lightprobe.light.photometry import tone_weight
+from lightprobe.light.resize import magnify_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.refit import refit_contrast
+from lightprobe.render.seen_light import SeenLight
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.training import ParameterGroup
 from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_for
@@ -31,10 +34,58 @@ from lightprobe.training.recording import CudaRecorder, RecordedStep, recorder_f
 REGULARISATION, FINAL_REGULARISATION = 0.001, 0.003
 # Of both, of a light that other photos show as well, with what is near at its distance and without.
 SUPPORTED_REGULARISATION, SHARED_REGULARISATION = 0.2, 0.01
+SEEN_REGULARISATION = 0.1  # beside these, of a light where its photo shows it
 GREY = 0.005  # weight of the deviation from grey of a light that is fitted by gradients; nvdiffrec's
 _ITERATIONS = 5  # of a solve, which starts from the light of the previous visit
 _RATE = 0.005  # Adam step of a light that is fitted by gradients (paper, 4.2)
 _DARKEST = 1e-6  # mean radiance that a light is compared with at least
+
+
+@dataclass(frozen=True)
+class LightPull:
+    """What else is known of the light of a photo than what its pixels of the object tell."""
+
+    shape: Tensor | None = None  # (6, R, R, 3), of mean 1: the light in the photos of the same place
+    seen: SeenLight | None = None  # what the photo shows of the support
+
+    def tensors(self) -> tuple[Tensor, ...]:
+        """Return what `holding` takes back."""
+        seen = () if self.seen is None else (self.seen.radiance, self.seen.share, self.seen.clipped)
+        return seen if self.shape is None else (self.shape, *seen)
+
+    def holding(self, tensors: Sequence[Tensor]) -> "LightPull":
+        """Return a pull of the same kind that has other `tensors`."""
+        first = int(self.shape is not None)
+        shape, seen = (tensors[0] if first else None), tensors[first:]
+        return LightPull(shape, SeenLight(*seen) if seen else None)
+
+    def magnified(self, resolution: int) -> "LightPull":
+        """Return the pull of a light of a finer resolution."""
+        shape = None if self.shape is None else magnify_light(self.shape, resolution)
+        return LightPull(shape, None if self.seen is None else self.seen.resized(resolution))
+
+    def prior(
+        self, light: Tensor, regularisation: float, *, supported: bool
+    ) -> tuple[Tensor, Tensor | float]:
+        """Return what a light that is now `light` (6, R, R, 3) is pulled to, and with which weight, (6, R, R, 3) or one.
+
+        regularisation: of a light that is pulled to its mean colour, as no other photo shows it; supported: whether
+        what is near is looked up at its distance.
+        """
+        prior, weight = light.mean((0, 1, 2)).expand_as(light), regularisation
+        if self.shape is not None:
+            prior, weight = (
+                prior * self.shape,
+                SUPPORTED_REGULARISATION if supported else SHARED_REGULARISATION,
+            )
+        if self.seen is None:
+            return prior, weight
+        satisfied = self.seen.clipped & (light >= self.seen.radiance)
+        held = SEEN_REGULARISATION * self.seen.share[..., None] * ~satisfied
+        return (weight * prior + held * self.seen.radiance) / (weight + held), weight + held
+
+
+NO_PULL = LightPull()
 
 
 def solve_target_light(
@@ -47,14 +98,14 @@ def solve_target_light(
     times: int = 1,
     *,
     regularisation: float = REGULARISATION,
-    expected: Tensor | None = None,
+    pull: LightPull = NO_PULL,
 ) -> Tensor:
     """Return the light (6, R, R, 3) that explains the pixels `rows` (K,) of the G-buffer, or all, best.
 
     observed (K, 3): their linear colours; clipped (K, 3) bool: where these are only bounds from below. The
     light is solved `times` times, first from `start`, then from the last light. Places that the pixels do not
     pin are pulled towards the mean colour of the light that a solve starts from, with the weight
-    `regularisation`, or towards `expected` (6, R, R, 3), of mean 1, times this colour, with that of shared lights.
+    `regularisation`, or towards what `pull` tells of the light.
 
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
     there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
@@ -64,18 +115,14 @@ def solve_target_light(
     for _ in range(times):
         last = transport.lit(light)
         weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
-        mean = light.mean((0, 1, 2))
-        prior, pull = mean.expand_as(light), regularisation
-        if expected is not None:
-            prior = mean * expected
-            pull = SHARED_REGULARISATION if gbuffer.support is None else SUPPORTED_REGULARISATION
+        prior, stiffness = pull.prior(light, regularisation, supported=gbuffer.support is not None)
         solved = solve_light(
             transport,
             observed,
             weight,
             clipped,
             prior,
-            regularisation=pull,
+            regularisation=stiffness,
             iterations=_ITERATIONS,
             start=last,
             chroma=config.light_chroma,
@@ -96,7 +143,7 @@ class LightSolver:
         self._config, self._device, self._pixels, self._times = config, device, pixels, times
         self._vertices = -1  # of the surface seen last
         self._recorder: CudaRecorder | None = None
-        self._solve: RecordedStep | None = None
+        self._solves: dict[tuple[bool, bool], RecordedStep] = {}  # by what pulls the light
 
     @torch.no_grad()
     def __call__(
@@ -106,43 +153,37 @@ class LightSolver:
         gbuffer: GBuffer,
         rows: Tensor,
         start: Tensor,
-        expected: Tensor | None = None,
+        pull: LightPull = NO_PULL,
     ) -> Tensor:
         """Return the light from `start` (6, R, R, 3) that explains the rows (K,) int64, K > 0, best.
 
-        observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer. expected: as
-        there; a solver is given one every time, or never.
+        observed (P, 3), clipped (P, 3) bool: as in `solve_target_light`, of all pixels of the G-buffer. pull: as there.
         """
         vertices = 0 if gbuffer.visibility is None else len(gbuffer.visibility.vertices.unoccluded)
         if vertices != self._vertices:  # the old record would never fit again
-            self._vertices, self._recorder, self._solve = vertices, recorder_for(self._device), None
+            self._vertices, self._recorder, self._solves = vertices, recorder_for(self._device), {}
         if self._recorder is not None:
             count = max(self._pixels, len(rows))
             rows = rows[torch.arange(count, device=rows.device) * len(rows) // count]
         part = gbuffer.select(rows)
-        if self._solve is None:
-            self._solve = RecordedStep(self._step(part, shared=expected is not None), self._recorder)
-        pull = () if expected is None else (expected,)
-        return self._solve(observed[rows], clipped[rows], start, *pull, *part.tensors())
+        kind = pull.shape is None, pull.seen is None
+        if kind not in self._solves:
+            self._solves[kind] = RecordedStep(self._step(part, pull), self._recorder)
+        return self._solves[kind](observed[rows], clipped[rows], start, *pull.tensors(), *part.tensors())
 
-    def _step(self, like: GBuffer, *, shared: bool) -> Callable[..., Tensor]:
+    def _step(self, like: GBuffer, pull: LightPull) -> Callable[..., Tensor]:
+        first = len(pull.tensors())  # of the G-buffer's
+
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
-            seen = like.holding(tensors[shared:])
+            seen, known = like.holding(tensors[first:]), pull.holding(tensors[:first])
             return solve_target_light(
-                observed,
-                clipped,
-                seen,
-                start,
-                None,
-                self._config,
-                self._times,
-                expected=tensors[0] if shared else None,
+                observed, clipped, seen, start, None, self._config, self._times, pull=known
             )
 
         return step
 
 
-def expected_light(others: Sequence[Tensor]) -> Tensor | None:
+def mean_shape(others: Sequence[Tensor]) -> Tensor | None:
     """Return the mean of lights (6, R, R, 3) of one place, each over its own mean colour; None for none."""
     if not others:
         return None
@@ -159,10 +200,15 @@ class Lights:
         device: torch.device,
         seed: int,
         groups: Sequence[str | None] = (),
+        seen: Mapping[str, SeenLight] | None = None,
     ):
-        """Start with grey lights of the photos `names`. groups: what each shares its light by; without: none does."""
+        """Start with grey lights of the photos `names`.
+
+        groups: what each shares its light by; without: none does. seen: what photos show of their lights.
+        """
         self.index = {name: i for i, name in enumerate(names)}
         self._groups = dict(enumerate(groups))
+        self._seen = {name: light.resized(config.light_resolution) for name, light in (seen or {}).items()}
         self.config = config
         self.seed = seed
         resolution = config.light_resolution
@@ -171,7 +217,6 @@ class Lights:
         self.maps = [torch.full(shape, 0.5, device=device, requires_grad=self.gradient) for _ in names]
         self.prefilter = prefilters.cached(resolution, device)
         self._solver = LightSolver(config, device, config.light_solve_pixels)
-        self._shared_solver = LightSolver(config, device, config.light_solve_pixels)
 
     def rows(self, target: Target, gbuffer: GBuffer, step: int, count: int) -> Tensor:
         """Return up to `count` distinct rows (K,) int64 of the G-buffer that lie inside the mask, at random."""
@@ -187,19 +232,26 @@ class Lights:
         rows = self.rows(target, gbuffer, step, self.config.light_solve_pixels)
         if len(rows) > 0:
             observed, clipped = target.color[gbuffer.pixel], target.clipped[gbuffer.pixel]
-            expected = self.expected(row)
-            solver = self._solver if expected is None else self._shared_solver
-            self.maps[row] = solver(observed, clipped, gbuffer, rows, self.maps[row], expected)
+            pull = self.pull(target.name)
+            self.maps[row] = self._solver(observed, clipped, gbuffer, rows, self.maps[row], pull)
         return self.prefilter.apply(self.maps[row]), self.grey_cost(row)
 
-    def expected(self, row: int) -> Tensor | None:
-        """Return what a photo's light is pulled to, as in `solve_target_light`; None where it shares it with none."""
-        return self.expected_in(self._groups.get(row), row)
+    def pull(self, name: str, lights: Mapping[str, Tensor] | None = None) -> LightPull:
+        """Return what else is known of the light of a photo; `lights` of some photos stand for the present ones."""
+        own, group = self.index[name], self._groups.get(self.index[name])
+        if lights is None or group is None:
+            return LightPull(self.shape_of(group, own), self._seen.get(name))
+        others = [
+            light
+            for other, light in lights.items()
+            if self._groups.get(self.index[other]) == group and other != name
+        ]
+        return LightPull(mean_shape(others), self._seen.get(name))
 
-    def expected_in(self, group: str | None, own: int | None) -> Tensor | None:
-        """Return what the light of a photo of a group is pulled to, (6, R, R, 3); own: its row, None if held out."""
+    def shape_of(self, group: str | None, own: int | None) -> Tensor | None:
+        """Return the light of a group's other photos, as in `LightPull.shape`; own: a photo's row, None if held out."""
         rows = [row for row, other in self._groups.items() if other == group and row != own]
-        return expected_light([self.maps[row] for row in rows]) if group is not None else None
+        return mean_shape([self.maps[row] for row in rows]) if group is not None else None
 
     def grey_cost(self, row: int) -> Tensor:
         """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""

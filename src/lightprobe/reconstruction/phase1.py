@@ -1,5 +1,7 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass, final lights, verdict."""
 
+import functools
+import itertools
 import statistics
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -14,7 +16,7 @@ from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake, fill_unseen
 from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import Lights
+from lightprobe.reconstruction.lights import LightPull, Lights
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -26,6 +28,8 @@ from lightprobe.reconstruction.trials.plausibility import (
 )
 from lightprobe.reconstruction.validation import fit_light, judge_object, validate
 from lightprobe.render.asset import Asset
+from lightprobe.render.seen_light import SeenLight, seen_together
+from lightprobe.scene.background import load_background
 from lightprobe.scene.camera import up_of
 from lightprobe.scene.photo import Photo, Scene
 from lightprobe.training import Progress, Resumed, Stage, Training
@@ -117,6 +121,22 @@ class _Phase:
     fitted: list[Photo]
     held_out: list[Photo]
 
+    @functools.cached_property
+    def seen(self) -> dict[str, SeenLight]:
+        """What photos show of their lights, by name; empty where the plane that the object stands on is unknown."""
+        similarity, support = self.scene.similarity, self.scene.support
+        if support is None:
+            return {}
+        resolution = max(self.config.light_resolution, self.config.teacher_resolution)
+        plane, shown = support.normalised(similarity), {}
+        for photo in self.scene.train:
+            if (background := load_background(photo)) is not None:
+                background = replace(background, camera=background.camera.normalised(similarity))
+                seen = SeenLight.of(background, resolution, self.device, plane)
+                shown.setdefault(photo.light_group or photo.name, {})[photo.name] = seen
+        places = [zip(place, seen_together(list(place.values())), strict=True) for place in shown.values()]
+        return dict(itertools.chain.from_iterable(places))
+
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
         return load_targets(self.scene, photos, side, self.device)
@@ -124,7 +144,7 @@ class _Phase:
     def lights(self, stacked: Tensor | None = None) -> Lights:
         """Return the fitted photos' lights, grey or those given; raise `ValueError` when one is missing."""
         names, groups = [p.name for p in self.fitted], [p.light_group for p in self.fitted]
-        lights = Lights(names, self.config, self.device, self.seed, groups)
+        lights = Lights(names, self.config, self.device, self.seed, groups, self.seen)
         if stacked is not None:
             lights.load(stacked)
         return lights
@@ -224,7 +244,7 @@ class _Phase:
                 continue
             (target,) = self.targets([photo], config.pass1_side)
             own, group = lights.index.get(photo.name), None if lights.gradient else photo.light_group
-            expected = lights.expected_in(group, own)
-            final.append(fit_light(asset, target, resolution, config, self.seed, start, expected)[1])
+            pull = LightPull(lights.shape_of(group, own), self.seen.get(photo.name))
+            final.append(fit_light(asset, target, resolution, config, self.seed, start, pull)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final

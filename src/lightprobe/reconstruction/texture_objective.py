@@ -172,14 +172,12 @@ class TextureObjective(PassObjective):
 
     @torch.no_grad()
     def _solve(self, photo: PhotoPixels, row: int) -> Tensor:
-        start, expected = self.lights.maps[row], self.lights.expected(row)
+        start, pull = self.lights.maps[row], self.lights.pull(photo.name)
         rows = torch.arange(min(self.config.light_solve_pixels, len(photo.color)), device=start.device)
         some = photo.select(rows * len(photo.color) // max(len(rows), 1))
         material, _ = self._materials([some.surface], some.color.new_zeros(len(rows), 2))
         gbuffer = self._gbuffer(some.surface, material)
-        return solve_target_light(
-            some.color, some.clipped, gbuffer, start, rows, self.config, expected=expected
-        )
+        return solve_target_light(some.color, some.clipped, gbuffer, start, rows, self.config, pull=pull)
 
     def _gbuffer(self, surface: Surface, material: Tensor) -> GBuffer:
         normal = shading_normals(surface, self._mesh, self._normals, self.model.tangents, material[:, 5:])

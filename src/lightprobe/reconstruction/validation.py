@@ -11,7 +11,7 @@ from lightprobe.imaging import srgb_encode
 from lightprobe.light.photometry import one_sided
 from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
-from lightprobe.reconstruction.lights import FINAL_REGULARISATION, solve_target_light
+from lightprobe.reconstruction.lights import FINAL_REGULARISATION, NO_PULL, LightPull, solve_target_light
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.disagreement import disagreement, part_solver
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
@@ -33,12 +33,12 @@ def fit_light(
     config: DecomposeConfig,
     seed: int,
     start: Tensor | None = None,
-    expected: Tensor | None = None,
+    pull: LightPull = NO_PULL,
 ) -> tuple[GBuffer, Tensor]:
     """Return the G-buffer of the asset in a photo and the light (6, R, R, 3) solved for it.
 
-    From scratch, or from a light `start` (6, r, r, 3) that needs only a few more steps. expected (6, r, r, 3): as in
-    `solve_target_light`, from photos that share the light.
+    From scratch, or from a light `start` (6, r, r, 3) that needs only a few more steps. pull: as in
+    `solve_target_light`, of resolution r.
     """
     surface = visible_surface(asset.mesh.vertices, asset.mesh.faces, target.view)
     gbuffer = asset_gbuffer(asset, surface, target.view)
@@ -63,7 +63,7 @@ def fit_light(
         config,
         rounds,
         regularisation=FINAL_REGULARISATION,
-        expected=None if expected is None else magnify_light(expected, resolution),
+        pull=pull.magnified(resolution),
     )
     return gbuffer, solved
 

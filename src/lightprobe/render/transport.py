@@ -89,7 +89,7 @@ def solve_light(
     weight: Tensor,
     clipped: Tensor,
     prior: Tensor,
-    regularisation: float,
+    regularisation: float | Tensor,
     iterations: int,
     start: LitPixels | None = None,
     chroma: float = 0.0,
@@ -98,11 +98,12 @@ def solve_light(
 
     Minimises, with mean_w the mean over pixels weighted by `weight` and mean_omega that over solid angle,
 
-        mean_w |A E - observed|^2  +  regularisation * gain^2 * mean_omega |E - prior|^2
+        mean_w |A E - observed|^2  +  gain^2 * mean_omega regularisation |E - prior|^2
                                    +  chroma * gain^2 * mean_omega g^2 |U - mean_c U|^2 / (1 + u)
 
     gain^2 = mean_w |A 1|^2 is what the object reflects of a white light. So `regularisation` has no
-    dimension: it does not depend on the number of pixels, the exposure, or how dark the object is. Texels the
+    dimension: it does not depend on the number of pixels, the exposure, or how dark the object is; it may be one number
+    or (6, R, R, 3). Texels the
     photo does not pin go to the prior. observed (P, 3) linear; weight (P,) >= 0; where clipped (P, 3) bool, a
     brighter render costs nothing. The last term holds the channels together (`_ChannelCoupling`).
 
@@ -205,7 +206,7 @@ class _Problem:
     weight: Tensor  # (P, 1), sums to 1
     clipped: Tensor  # (P, 3) bool
     prior: Tensor  # (6, R, R, 3)
-    stiffness: Tensor  # (6, R, R, 1)
+    stiffness: Tensor  # (6, R, R, 1) or (6, R, R, 3)
     majorant: Tensor  # (6, R, R, 3)
     coupling: _ChannelCoupling | None
 
@@ -216,7 +217,7 @@ class _Problem:
         weight: Tensor,
         clipped: Tensor,
         prior: Tensor,
-        regularisation: float,
+        regularisation: float | Tensor,
         coupling: _ChannelCoupling | None,
     ) -> "_Problem":
         """Return the problem; when no pixel has any weight, every light solves it."""

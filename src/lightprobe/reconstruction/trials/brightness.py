@@ -69,7 +69,8 @@ def _error(target: Target, pixels: GBuffer, lights: Lights, factor: float) -> fl
     light = lights.maps[lights.index[target.name]].detach() / factor
     observed, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
     # Twice, as the light so far is that of another state of the asset.
-    light = solve_target_light(observed, clipped, pixels, light, None, lights.config, times=2)
+    pull = lights.pull(target.name)
+    light = solve_target_light(observed, clipped, pixels, light, None, lights.config, times=2, pull=pull)
     return float(displayed_error(shade_under(pixels, light), observed, clipped))
 
 

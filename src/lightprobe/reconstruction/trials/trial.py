@@ -100,7 +100,7 @@ class Trial:
         docs/decisions/brightness-once-more.md.
         """
         samples, lights = photos.samples, photos.lights
-        self.material, self.samples, self.seed = material, samples, photos.seed
+        self.material, self.samples, self.seed, self._pass_lights = material, samples, photos.seed, lights
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
         device = lights.maps[0].device
         self._solver = LightSolver(material.config, device, _PIXELS // 2)
@@ -123,7 +123,8 @@ class Trial:
         random = generator(self.seed, f"trial-halves/{sample.name}", step)
         order = torch.randperm(len(color), generator=random)
         solved, fitted = order.to(color.device).tensor_split(2)
-        light = self._solver(color, clipped, pixels, solved, self.lights[sample.name])
+        pull = self._pass_lights.pull(sample.name, self.lights)
+        light = self._solver(color, clipped, pixels, solved, self.lights[sample.name], pull)
         self.lights[sample.name] = light
         image = displayed_error(shade_under(pixels.select(fitted), light), color[fitted], clipped[fitted])
         return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
