@@ -105,7 +105,8 @@ class ChosenFiles:
             suffix = Path(_SUFFIXES[output]).suffix
             if count > 1:
                 raise ConfigError(
-                    f"--save-{output} names one file, {path}, but there are {count} photos; give a folder."
+                    f"--save-{output} names one file, {path}, but there are {count} photos; "
+                    "leave it out, and each photo's file goes beside its map."
                 )
             if path.suffix.lower() != suffix:
                 raise ConfigError(f"--save-{output} {path} must end with {suffix}.")
