@@ -109,9 +109,12 @@ def test_photos_of_one_light_share_what_they_see_in_the_exposure_of_each():
         torch.testing.assert_close(part.radiance / gain, shared[0].radiance, rtol=0.03, atol=1e-3)
 
 
-def test_a_photo_that_sees_nothing_that_others_see_keeps_what_it_sees():
-    near, far = (SeenLight.of(over_a_table((3.0, 0.5, 1.0)), 16, CPU, TABLE) for _ in range(2))
+def test_photos_that_nothing_links_do_not_share_what_they_see():
+    near, far = (SeenLight.of(over_a_table((3.0, 0.5, 1.0), gain), 16, CPU, TABLE) for gain in (1.0, 5.0))
     elsewhere = replace(far, share=torch.where(near.share > 0, 0.0, 1.0))
-    for part, own in zip(seen_together([near, elsewhere]), (near, elsewhere), strict=True):
-        assert part is own
-    assert seen_together([near]) == [near]
+    parts = [near, elsewhere, near.divided(torch.tensor(0.5)), near]
+    for part, own in zip(seen_together(parts), parts, strict=True):
+        seen = own.share > 0
+        assert torch.equal(part.share > 0, seen)
+        torch.testing.assert_close(part.radiance[seen], own.radiance[seen], rtol=1e-4, atol=1e-6)
+    assert torch.equal(seen_together([near])[0].share, near.share)

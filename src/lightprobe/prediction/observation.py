@@ -36,9 +36,7 @@ from lightprobe.scene.photo import OPAQUE, Pixels
 
 _HALF = 0.5  # coverage from which a pixel counts as the object's
 _FEWEST_PIXELS = 16  # that a light can be found from
-SAME_PLACE = (
-    0.8  # overlap of mask and object; right cameras have more than .94, also on photos from the internet
-)
+SAME_PLACE = 0.8  # overlap of mask and object; right cameras have more than .94, photos from the internet too
 _PIXELS = 1024  # of each photo that exposures are found from
 _STRENGTH = 0.03  # of the coarse light's pull to grey
 _TURNS = 20  # of light and exposures; they settle to a thousandth in about ten

@@ -1,7 +1,6 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass, final lights, verdict."""
 
 import functools
-import itertools
 import statistics
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from lightprobe.models.decomposition import Decomposition
 from lightprobe.reconstruction.bake import bake, fill_unseen
 from lightprobe.reconstruction.image_objective import ImageObjective
 from lightprobe.reconstruction.lattice_model import LatticeModel
-from lightprobe.reconstruction.lights import LightPull, Lights
+from lightprobe.reconstruction.lights import NO_PULL, LightPull, Lights
 from lightprobe.reconstruction.photos import Target, evenly_spaced, load_targets
 from lightprobe.reconstruction.start import start_shape
 from lightprobe.reconstruction.surface_model import SurfaceModel
@@ -128,14 +127,19 @@ class _Phase:
         if support is None:
             return {}
         resolution = max(self.config.light_resolution, self.config.teacher_resolution)
-        plane, shown = support.normalised(similarity), {}
+        plane = support.normalised(similarity)
+        places: dict[tuple[str | None, str], dict[str, SeenLight]] = {}
         for photo in self.scene.train:
             if (background := load_background(photo)) is not None:
                 background = replace(background, camera=background.camera.normalised(similarity))
-                seen = SeenLight.of(background, resolution, self.device, plane)
-                shown.setdefault(photo.light_group or photo.name, {})[photo.name] = seen
-        places = [zip(place, seen_together(list(place.values())), strict=True) for place in shown.values()]
-        return dict(itertools.chain.from_iterable(places))
+                shown = SeenLight.of(background, resolution, self.device, plane)
+                place = photo.light_group, "" if photo.light_group else photo.name
+                places.setdefault(place, {})[photo.name] = shown
+        return {
+            name: light
+            for photos in places.values()
+            for name, light in zip(photos, seen_together(list(photos.values())), strict=True)
+        }
 
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
@@ -243,8 +247,9 @@ class _Phase:
                 final.append(start.detach())
                 continue
             (target,) = self.targets([photo], config.pass1_side)
-            own, group = lights.index.get(photo.name), None if lights.gradient else photo.light_group
-            pull = LightPull(lights.shape_of(group, own), self.seen.get(photo.name))
+            own, pull = lights.index.get(photo.name), NO_PULL
+            if not lights.gradient:
+                pull = LightPull(lights.shape_of(photo.light_group, own), self.seen.get(photo.name))
             final.append(fit_light(asset, target, resolution, config, self.seed, start, pull)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 import torch
 from torch import Tensor
 
@@ -14,6 +15,8 @@ from lightprobe.scene.camera import Camera
 from lightprobe.scene.support import SupportPlane
 
 _DARKEST = 1e-3  # radiance that exposures are compared by at least
+_ROUNDS = 60  # of exposures and light in turn
+_USUAL = 0.02  # difference in ln radiance between what two photos show at one place
 
 
 @dataclass(frozen=True)
@@ -75,33 +78,29 @@ class SeenLight:
         return SeenLight(torch.where(clipped, bound, mean), share.sum(0).clamp(max=1), clipped)
 
 
-_ROUNDS = 60  # of exposures and light in turn
-_USUAL = 0.02  # difference in ln radiance between what two photos show at one place
-
-
 def seen_together(parts: Sequence[SeenLight]) -> list[SeenLight]:
     """Return for each of the photos of one light what all of them show of it, in this photo's exposure.
 
-    Exposures, white balance included, are found from what several photos show. A photo that shows nothing that another
-    shows keeps what it shows itself.
+    Exposures, white balance included, are found from what several photos show, so that photos which others do not link
+    to each other this way do not share what they show.
     """
     share = torch.stack([part.share[..., None] * ~part.clipped for part in parts]).flatten(1, 3)  # (N, T, 3)
     level = torch.stack([part.radiance for part in parts]).flatten(1, 3).clamp(min=_DARKEST).log()
-    share = share * (share.gt(0).sum(0) > 1)
     exposure, robust = torch.zeros(len(parts), 3).to(share), share  # exposures as logarithms
     for _ in range(_ROUNDS):
         common = (robust * (level - exposure[:, None])).sum(0) / robust.sum(0).clamp(min=1e-12)
         exposure = (robust * (level - common)).sum(1) / robust.sum(1).clamp(min=1e-12)
         # What shines, or stands nearer than is assumed, looks different from elsewhere.
         robust = share / (1 + (level - common - exposure[:, None]).abs() / _USUAL)
-    told = [number for number, total in enumerate(share.sum((1, 2)).tolist()) if total > 0]
-    if not told:
-        return list(parts)
-    joint = SeenLight.joined([parts[number] for number in told], exposure[told].exp())
-    return [
-        joint.divided((-exposure[number]).exp()) if number in told else part
-        for number, part in enumerate(parts)
-    ]
+    shown = (share.amin(-1) > 0).float()
+    linked = scipy.sparse.csgraph.connected_components((shown @ shown.T).cpu().numpy())[1]
+    found = list(parts)
+    for component in set(linked.tolist()):
+        rows = [row for row, own in enumerate(linked) if own == component]
+        joint = SeenLight.joined([parts[row] for row in rows], exposure[rows].exp())
+        for row in rows:
+            found[row] = joint.divided((-exposure[row]).exp())
+    return found
 
 
 def _rays(camera: Camera, row: np.ndarray, column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -116,8 +115,8 @@ def _from_center(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return directions (K, 3) and solid angles (K,) as they are from the frame's origin.
 
-    What a ray from `position` meets on the plane, t along it, covers there angle t^3 / height of `position` over the
-    plane, by t in units of the distance; the same holds for the origin. Other rays meet what is far away.
+    direction (K, 3), not normalised, and angle (K,): as they are from `position` (3,). From a point h above the plane an
+    area of it at the distance r covers the angle area * h / r^3. Rays that do not fall meet what is far away.
     """
     above, own = float(support.height(position)), float(support.height(np.zeros(3)))
     if above <= 0 or own <= 0:
