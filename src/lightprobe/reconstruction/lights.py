@@ -49,12 +49,12 @@ class LightPull:
     seen: SeenLight | None = None  # what the photo shows of the support
 
     def tensors(self) -> tuple[Tensor, ...]:
-        """Return what `holding` takes back."""
+        """Return what is held, each (6, R, R) or (6, R, R, 3), as `holding` takes it."""
         seen = () if self.seen is None else (self.seen.radiance, self.seen.share, self.seen.clipped)
         return seen if self.shape is None else (self.shape, *seen)
 
     def holding(self, tensors: Sequence[Tensor]) -> "LightPull":
-        """Return a pull of the same kind that has other `tensors`."""
+        """Return a pull of the same kind that has other `tensors` (6, R, R, ...)."""
         first = int(self.shape is not None)
         shape, seen = (tensors[0] if first else None), tensors[first:]
         return LightPull(shape, SeenLight(*seen) if seen else None)
