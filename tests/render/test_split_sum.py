@@ -8,12 +8,12 @@ from lightprobe.light.prefilter import cached
 from lightprobe.render.brdf import base_reflectance, environment_brdf
 from lightprobe.render.split_sum import (
     Shading,
-    from_center,
     furnace,
     occlude,
     reflectance,
     shade,
     specular_taps,
+    towards_seen,
 )
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, any_gbuffer, brute_force, sky, sphere_gbuffer
@@ -175,6 +175,6 @@ def test_a_mirror_shows_the_table_where_its_rays_meet_it():
 def test_a_table_changes_nothing_above_the_horizon():
     ball = sphere_gbuffer(500, roughness=0.3)
     direction = torch.nn.functional.normalize(reflectance(ball).mirror, dim=1)
-    found, up = from_center(replace(ball, support=TABLE), direction), direction[:, 2] >= 0
+    found, up = towards_seen(replace(ball, support=TABLE), direction), direction[:, 2] >= 0
     assert torch.equal(found[up], direction[up])
     assert not torch.allclose(found[~up], direction[~up])

@@ -31,7 +31,7 @@ from lightprobe.render.asset import Asset, rasterize_asset
 from lightprobe.render.coarse_transport import CoarseTransport
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.scene.camera import Camera
-from lightprobe.scene.consistency import overlap as intersection_over_union
+from lightprobe.scene.consistency import overlap
 from lightprobe.scene.photo import OPAQUE, Pixels
 
 _HALF = 0.5  # coverage from which a pixel counts as the object's
@@ -82,11 +82,10 @@ def observe(
     cover = torch.from_numpy(pixels.alpha).to(device).reshape(-1)
     covered = cover[gbuffer.pixel]
     rows = (covered >= OPAQUE).nonzero()[:, 0]
-    overlap, mistake = _overlap(cover, covered), None
-    if overlap < SAME_PLACE:
-        shown = np.zeros(pixels.alpha.shape, bool)
-        shown.flat[gbuffer.pixel.cpu().numpy()] = True
-        mistake = _mistake(pixels.alpha >= _HALF, shown)
+    mask, shown = pixels.alpha >= _HALF, np.zeros(pixels.alpha.shape, bool)
+    shown.flat[gbuffer.pixel.cpu().numpy()] = True
+    agreement = overlap(mask, shown)
+    mistake = _mistake(mask, shown) if agreement < SAME_PLACE else None
     if len(rows) < _FEWEST_PIXELS:
         advice = "check the pose and the mask." if mistake is None else mistake
         raise InputError(
@@ -96,7 +95,7 @@ def observe(
     seen = probe_pixels(gbuffer, rows, torch.from_numpy(pixels.color).to(device).reshape(-1, 3)[at])
     hidden = torch.from_numpy(pixels.clipped).to(device).reshape(-1, 3)[at]
     offset = _offset(cover >= _HALF, gbuffer.pixel, camera)
-    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), overlap, offset, mistake)
+    return Observation(gbuffer, rows, seen, hidden, seen.light_level(), agreement, offset, mistake)
 
 
 def _mistake(mask: np.ndarray, shown: np.ndarray) -> str | None:
@@ -112,19 +111,9 @@ def _mistake(mask: np.ndarray, shown: np.ndarray) -> str | None:
         **{f"the mask lies on its side: {told.format(turn, turn)}": turns[turn] for turn in (90, 270)},
         f"the mask is upside down: {told.format(180, 180)}": turns[180],
     }
-    fits = {
-        sentence: intersection_over_union(other, shown)
-        for sentence, other in found.items()
-        if other.shape == mask.shape
-    }
+    fits = {sentence: overlap(other, shown) for sentence, other in found.items() if other.shape == mask.shape}
     best = max(fits, key=fits.__getitem__)
     return best if fits[best] >= SAME_PLACE else None
-
-
-def _overlap(cover: Tensor, covered: Tensor) -> float:
-    """Return the intersection over union of a mask (N,) and the object's pixels, there `covered` (P,)."""
-    both = int((covered >= _HALF).sum())
-    return both / (int((cover >= _HALF).sum()) + len(covered) - both)
 
 
 def _offset(mask: Tensor, pixel: Tensor, camera: Camera) -> float:

@@ -207,7 +207,7 @@ class Lights:
         groups: what each shares its light by; without: none does. seen: what photos show of their lights.
         """
         self.index = {name: i for i, name in enumerate(names)}
-        self._groups = dict(enumerate(groups))
+        self._groups = dict(zip(names, groups, strict=False))
         self._seen = {name: light.resized(config.light_resolution) for name, light in (seen or {}).items()}
         self.config = config
         self.seed = seed
@@ -238,20 +238,21 @@ class Lights:
 
     def pull(self, name: str, lights: Mapping[str, Tensor] | None = None) -> LightPull:
         """Return what else is known of the light of a photo; `lights` of some photos stand for the present ones."""
-        own, group = self.index[name], self._groups.get(self.index[name])
-        if lights is None or group is None:
-            return LightPull(self.shape_of(group, own), self._seen.get(name))
-        others = [
-            light
-            for other, light in lights.items()
-            if self._groups.get(self.index[other]) == group and other != name
-        ]
-        return LightPull(mean_shape(others), self._seen.get(name))
+        return LightPull(self.shape_of(name, self._groups.get(name), lights), self._seen.get(name))
 
-    def shape_of(self, group: str | None, own: int | None) -> Tensor | None:
-        """Return the light of a group's other photos, as in `LightPull.shape`; own: a photo's row, None if held out."""
-        rows = [row for row, other in self._groups.items() if other == group and row != own]
-        return mean_shape([self.maps[row] for row in rows]) if group is not None else None
+    def shape_of(
+        self, name: str, group: str | None, lights: Mapping[str, Tensor] | None = None
+    ) -> Tensor | None:
+        """Return the light in other photos of the group of photo `name`, held out or not, as in `LightPull.shape`.
+
+        lights: as in `pull`.
+        """
+        if group is None:
+            return None
+        known = lights or {other: self.maps[row] for other, row in self.index.items()}
+        return mean_shape(
+            [light for other, light in known.items() if self._groups.get(other) == group and other != name]
+        )
 
     def grey_cost(self, row: int) -> Tensor:
         """Return what a light fitted by gradients costs () for not being grey; a solved one costs nothing."""

@@ -247,9 +247,10 @@ class _Phase:
                 final.append(start.detach())
                 continue
             (target,) = self.targets([photo], config.pass1_side)
-            own, pull = lights.index.get(photo.name), NO_PULL
+            pull = NO_PULL
             if not lights.gradient:
-                pull = LightPull(lights.shape_of(photo.light_group, own), self.seen.get(photo.name))
+                shape = lights.shape_of(photo.name, photo.light_group)
+                pull = LightPull(shape, self.seen.get(photo.name))
             final.append(fit_light(asset, target, resolution, config, self.seed, start, pull)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final

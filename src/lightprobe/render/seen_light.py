@@ -10,6 +10,7 @@ from torch import Tensor
 
 from lightprobe.light import cubemap
 from lightprobe.light.resize import resize_light
+from lightprobe.render.surface import from_center
 from lightprobe.scene.background import Background
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.support import SupportPlane
@@ -121,10 +122,7 @@ def _from_center(
     above, own = float(support.height(position)), float(support.height(np.zeros(3)))
     if above <= 0 or own <= 0:
         return direction, angle
-    slope = -(direction @ support.normal)
-    falls = slope > 0
-    t = above / np.where(falls, slope, 1.0)
-    met = position + t[:, None] * direction
-    length = t * np.linalg.norm(direction, axis=1)
-    covered = angle * (length / np.linalg.norm(met, axis=1)) ** 3 * own / above
-    return np.where(falls[:, None], met, direction), np.where(falls, covered, angle)
+    rays, plane = torch.from_numpy(direction), torch.from_numpy(np.append(support.normal, support.offset))
+    towards = from_center(rays, torch.from_numpy(position), plane).numpy()
+    nearer = np.linalg.norm(direction, axis=1) / np.linalg.norm(towards, axis=1)
+    return towards, np.where(direction @ support.normal < 0, angle * nearer**3 * own / above, angle)

@@ -20,9 +20,8 @@ from lightprobe.light.prefilter import Prefilter, cached
 from lightprobe.render import brdf
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.specular_lobes import LOBES, SpecularLobes, dielectric_part, specular_lobes
+from lightprobe.render.surface import from_center
 from lightprobe.render.visibility import PointVisibility
-
-_LOWEST = 0.02  # radii above its support that a point is taken to lie at least
 
 
 @dataclass(frozen=True)
@@ -57,25 +56,20 @@ def specular_taps(r: Reflectance, gbuffer: GBuffer, prefilter: Prefilter) -> tup
     """Return index (P, 16) int32 and weight (P, 16) of the sharp lobes' look-ups, summing to their share."""
     normal = gbuffer.normal
     bent = [normal + bend[:, None] * (r.mirror - normal) for bend in r.lobes.bend.unbind(-1)]
-    direction = [from_center(gbuffer, towards) for towards in bent]
+    direction = [towards_seen(gbuffer, towards) for towards in bent]
     roughness, share = r.lobes.roughness.T.flatten(), r.lobes.share.T.flatten()
     index, weight = prefilter.specular_taps(torch.cat(direction), roughness, share)
     return torch.cat(index.chunk(LOBES), dim=-1), torch.cat(weight.chunk(LOBES), dim=-1)
 
 
-def from_center(gbuffer: GBuffer, direction: Tensor) -> Tensor:
+def towards_seen(gbuffer: GBuffer, direction: Tensor) -> Tensor:
     """Return where from the object's centre lies what each pixel sees towards `direction` (P, 3), not normalised.
 
-    A ray d from the point p falls on the support's plane n . x = o after t = (n . p - o) / -(n . d), at
-    p + t d = t (d + p / t). What it does not fall on is far away, in the direction d itself. Without a support
-    everything is.
+    Without a known support everything is far away.
     """
     if gbuffer.support is None:
         return direction
-    normal, offset = gbuffer.support[:3], gbuffer.support[3]
-    position = gbuffer.position.detach()
-    height = (position @ normal - offset).clamp(min=_LOWEST)
-    return direction + position * ((-(direction @ normal)).clamp(min=0) / height)[:, None]
+    return from_center(direction, gbuffer.position.detach(), gbuffer.support)
 
 
 @dataclass(frozen=True)

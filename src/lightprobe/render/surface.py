@@ -15,6 +15,8 @@ from lightprobe.kernels import gather_rows, rasterize, weighted_gather
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.support import SupportPlane
 
+_LOWEST = 0.02  # radii above its support that a point is taken to lie at least
+
 
 @dataclass(frozen=True)
 class View:
@@ -54,6 +56,19 @@ class View:
         x, y = (place.to(self.focal.dtype) + 0.5 for place in (pixel % self.width, row))
         x, y = (x - self.center[0]) / self.focal[0], -(y - self.center[1]) / self.focal[1]
         return torch.stack([x, y, -torch.ones_like(x)], 1) @ self.rotation.T
+
+
+def from_center(direction: Tensor, position: Tensor, support: Tensor) -> Tensor:
+    """Return where from the object's centre lies what rays meet, (P, 3), not normalised.
+
+    A ray d, `direction` (P, 3), from the point p, `position` (P, 3) or (3,), falls on the plane n . x = o, `support` (4,),
+    after t = (n . p - o) / -(n . d), at p + t d = t (d + p / t). What it does not fall on is far away, in the direction d
+    itself.
+    """
+    normal, offset = support[:3], support[3]
+    height = (position @ normal - offset).clamp(min=_LOWEST)
+    share = (-(direction @ normal)).clamp(min=0) / height
+    return direction + position * share[:, None]
 
 
 @dataclass(frozen=True)
