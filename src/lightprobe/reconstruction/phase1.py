@@ -109,6 +109,14 @@ def decompose(
 
 
 @dataclass(frozen=True)
+class _Surroundings:
+    """What training photos show around the object, by name."""
+
+    levels: dict[str, float | None]  # as `background_level` has them
+    seen: dict[str, SeenLight]  # of their lights; empty where the plane that the object stands on is unknown
+
+
+@dataclass(frozen=True)
 class _Phase:
     """What every step of Phase I needs to know, and these steps."""
 
@@ -121,25 +129,27 @@ class _Phase:
     held_out: list[Photo]
 
     @functools.cached_property
-    def seen(self) -> dict[str, SeenLight]:
-        """What photos show of their lights, by name; empty where the plane that the object stands on is unknown."""
+    def surroundings(self) -> _Surroundings:
+        """What the photos show around the object; each is decoded once for it, as photos are large."""
         similarity, support = self.scene.similarity, self.scene.support
-        if support is None:
-            return {}
+        plane = None if support is None else support.normalised(similarity)
         resolution = max(self.config.light_resolution, self.config.teacher_resolution)
-        plane = support.normalised(similarity)
+        levels: dict[str, float | None] = {}
         places: dict[tuple[str | None, str], dict[str, SeenLight]] = {}
         for photo in self.scene.train:
-            if (background := load_background(photo)) is not None:
+            background = load_background(photo)
+            levels[photo.name] = background_level(background)
+            if background is not None and plane is not None:
                 background = replace(background, camera=background.camera.normalised(similarity))
                 shown = SeenLight.of(background, resolution, self.device, plane)
                 place = photo.light_group, "" if photo.light_group else photo.name
                 places.setdefault(place, {})[photo.name] = shown
-        return {
+        seen = {
             name: light
             for photos in places.values()
             for name, light in zip(photos, seen_together(list(photos.values())), strict=True)
         }
+        return _Surroundings(levels, seen)
 
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
@@ -148,16 +158,16 @@ class _Phase:
     def lights(self, stacked: Tensor | None = None) -> Lights:
         """Return the fitted photos' lights, grey or those given; raise `ValueError` when one is missing."""
         names, groups = [p.name for p in self.fitted], [p.light_group for p in self.fitted]
-        lights = Lights(names, self.config, self.device, self.seed, groups, self.seen)
+        lights = Lights(names, self.config, self.device, self.seed, groups, self.surroundings.seen)
         if stacked is not None:
             lights.load(stacked)
         return lights
 
     def first_pass(self, stage: Stage, resumed: Resumed | None) -> AssetAndLights:
         """Fit lattice and field, bake them, and return what the second pass starts from."""
-        config, levels = self.config, [background_level(photo) for photo in self.fitted]
+        config, levels = self.config, self.surroundings.levels
         targets = self.targets(self.fitted, config.pass1_side)
-        targets = [replace(t, background_level=level) for t, level in zip(targets, levels, strict=True)]
+        targets = [replace(target, background_level=levels[target.name]) for target in targets]
         start = start_shape(self.scene, config, self.seed, self.fitted, targets)
         model, lights = LatticeModel(start, config, self.device, self.seed), self.lights()
         self.training.run(ImageObjective(model, targets, lights, stage, config, self.seed), stage, resumed)
@@ -221,7 +231,7 @@ class _Phase:
         cameras = [photo.camera.normalised(self.scene.similarity) for photo in train]
         towards = [torch.from_numpy(camera.position).float() for camera in cameras]
         correlation = ViewLightCorrelation.of(lights, towards, up)
-        background = BackgroundLevel.of(lights, [background_level(photo) for photo in train])
+        background = BackgroundLevel.of(lights, [self.surroundings.levels[photo.name] for photo in train])
         judges = self.targets(self.held_out or evenly_spaced(self.fitted, _JUDGES), config.pass1_side)
         held_out = bool(self.held_out)
         verdict = judge_object(
@@ -250,7 +260,7 @@ class _Phase:
             pull = NO_PULL
             if not lights.gradient:
                 shape = lights.shape_of(photo.name, photo.light_group)
-                pull = LightPull(shape, self.seen.get(photo.name))
+                pull = LightPull(shape, self.surroundings.seen.get(photo.name))
             final.append(fit_light(asset, target, resolution, config, self.seed, start, pull)[1])
             self.training.progress.step("lights", len(final), len(train), 0.0)
         return final

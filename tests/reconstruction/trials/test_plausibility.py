@@ -19,6 +19,7 @@ from lightprobe.reconstruction.trials.plausibility import (
     light_level,
 )
 from lightprobe.render.split_sum import shade
+from lightprobe.scene.background import load_background
 from lightprobe.scene.photo import Photo
 from tests.gbuffers import R, sky, sphere_gbuffer, turned
 from tests.shapes import camera_at
@@ -112,7 +113,7 @@ def photo(folder, color: np.ndarray, object_share: float = 0.3, alpha: np.ndarra
 
 
 def test_a_photo_shows_its_own_light_s_level(tmp_path):
-    shown = background_level(photo(tmp_path, np.full((100, 100, 3), 0.2)))
+    shown = background_level(load_background(photo(tmp_path, np.full((100, 100, 3), 0.2))))
     assert shown == pytest.approx(light_level(torch.full((6, 8, 8, 3), 0.2)), abs=1e-3)
     assert shown == pytest.approx(math.log(0.2 * 1.05), abs=1e-3)
 
@@ -126,10 +127,10 @@ def test_a_sun_in_the_light_hardly_counts():
 
 def test_what_is_cut_out_or_filled_by_the_object_shows_nothing(tmp_path):
     grey = np.full((100, 100, 3), 0.2)
-    assert background_level(photo(tmp_path, grey, object_share=0.95)) is None
+    assert background_level(load_background(photo(tmp_path, grey, object_share=0.95))) is None
     cut = np.ones((100, 100), np.float32)
     cut[:10] = 0
-    assert background_level(photo(tmp_path, grey, alpha=cut)) is None
+    assert background_level(load_background(photo(tmp_path, grey, alpha=cut))) is None
 
 
 def test_lights_that_are_too_dim_for_the_photos_are_unlikely():

@@ -32,8 +32,7 @@ from torch import Tensor
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import luma
 from lightprobe.light.resize import rotate_light
-from lightprobe.scene.background import load_background
-from lightprobe.scene.photo import Photo
+from lightprobe.scene.background import Background
 
 _FEWEST = 8  # photos that say anything
 _PHOTOGRAPHERS = 0.1  # of the correlation that their habits may make, light from the camera's side only
@@ -146,9 +145,8 @@ def light_level(light: Tensor) -> float:
     return _level(luma(light).reshape(-1), cubemap.solid_angles(light.shape[1], light.device).reshape(-1))
 
 
-def background_level(photo: Photo) -> float | None:
+def background_level(background: Background | None) -> float | None:
     """Return the level of a photo's background; None where it is cut out or the object fills the photo."""
-    background = load_background(photo)
     if background is None or background.seen.mean() < _LEAST_SHOWN:
         return None
     return pixels_level(torch.from_numpy(background.color[background.seen]))
