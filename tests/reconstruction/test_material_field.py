@@ -60,7 +60,7 @@ def test_a_usual_material_costs_nothing_and_every_oddity_something():
         off = replace(CONFIG, metallic_prior=0.0, normal_prior=0.0, priors=False)
         model = ScaledMaterial(START_BASE, replace(off, **weights), CPU, 0)
         model.forward = lambda points: material[: len(points)]
-        return float(model.loss(points(), material, 0, 0.5, decided=False).detach())
+        return float(model.loss(points(), material, 0, 0.5).detach())
 
     assert cost(usual, metallic_prior=1.0, normal_prior=1.0, priors=True) == pytest.approx(0, abs=1e-12)
     odd = usual + torch.tensor([0.0, 0, 0, 0.3, 0.5, 0, 0.2, 0])
@@ -79,7 +79,7 @@ def test_smoothness_is_the_change_beside():
     for size, step in ((1e-4, 0), (1.0, 0), (1.0, 0), (1.0, 1)):
         with torch.no_grad():
             material.field.table.normal_(generator=torch.Generator().manual_seed(0)).mul_(size)
-        costs.append(float(material.loss(points(), material(points()), step, 0.5, decided=False).detach()))
+        costs.append(float(material.loss(points(), material(points()), step, 0.5).detach()))
     assert 0 < costs[0] < 0.1 * costs[1]
     assert costs[1] == costs[2] != costs[3]  # of step and seed alone
 

@@ -21,9 +21,8 @@ from lightprobe.reconstruction.trials.brightness import (
     choose_brightness,
 )
 from lightprobe.reconstruction.trials.cavities import best_opening, has_doubtful_lid
-from lightprobe.reconstruction.trials.gloss import glossier_start
 from lightprobe.reconstruction.trials.metals import best_metals
-from lightprobe.reconstruction.trials.schedule import CHOICES, lids_tried, metals_tried, trials_at
+from lightprobe.reconstruction.trials.schedule import CHOICES, lids_tried, trials_at
 from lightprobe.reconstruction.trials.trial import PassPhotos, Trial
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import coverage, silhouette_crossings, spread_color
@@ -83,11 +82,9 @@ class ImageObjective(PassObjective):
         self.model.update_visibility()
         if iteration == 0 or not self.config.priors:
             return
-        decided = metals_tried(self.config, self.stage.first_step + iteration)
-        photos = PassPhotos(self.targets, self.lights, fraction, self.seed, decided)
+        photos = PassPhotos(self.targets, self.lights, fraction, self.seed)
         if isinstance(self.model, LatticeModel) and iteration in (trials := trials_at(self.config)):
-            trial = self._first_trial if iteration == min(trials) else self._second_trial
-            trial(self.model, photos)
+            self._try_changes(self.model, photos, first=iteration == min(trials))
         step = self.stage.first_step + iteration
         if step <= CHOICES * self.config.checkpoint_every:
             shown = photos.evenly(CHOICE_PHOTOS).shown(self.model)
@@ -95,32 +92,29 @@ class ImageObjective(PassObjective):
             self.model.brighten(factor)
             self.lights.dim(factor)
 
-    def _first_trial(self, model: LatticeModel, every: PassPhotos) -> None:
-        """Make the first trial's changes that photos ask for (`reconstruction.trials`)."""
-        if model.lid_in_doubt:
-            model.lid_in_doubt.fill_(has_doubtful_lid(model, every))
-        self._take_brightness(model, best_new(every.of_trial(model), model.material))
-
-    def _second_trial(self, model: LatticeModel, every: PassPhotos) -> None:
-        """Make the second trial's changes that photos ask for (`reconstruction.trials`)."""
-        model.lid_in_doubt.fill_(False)
-        if lids_tried(self.config) and (opening := best_opening(model, every)) is not None:
-            model.reshape(opening.distance)
-            self._take_over(model, opening.trial)
-        photos = every.of_trial(model)
-        if (metals := best_metals(photos, model.material)) is not None:
-            self._take_over(model, metals)
-        # A brightness that the wrong metals had grown used to is not defended.
-        self._take_brightness(model, best_rescaled(photos, model.material, settled=metals is None))
-        if (glossy := glossier_start(photos, model.material)) is not None:
-            self._take_over(model, glossy)
-
-    def _take_brightness(self, model: LatticeModel, best: tuple[Trial, float] | None) -> None:
-        """Take over the trial of another brightness, and the best factor on its base colours."""
+    def _try_changes(self, model: LatticeModel, every: PassPhotos, *, first: bool) -> None:
+        """Make the first or the second trial's changes that photos ask for (`reconstruction.trials`)."""
+        if first:
+            if model.lid_in_doubt:
+                model.lid_in_doubt.fill_(has_doubtful_lid(model, every))
+        else:
+            model.lid_in_doubt.fill_(False)
+            if lids_tried(self.config) and (opening := best_opening(model, every)) is not None:
+                model.reshape(opening.distance)
+                self._take_over(model, opening.trial)
+        mean, photos = float(model.mean_color), every.of_trial(model)
+        if first:
+            best = best_new(photos, model.material)
+        else:
+            metals = best_metals(photos, model.material)
+            if metals is not None:
+                self._take_over(model, metals)
+            # A brightness that the wrong metals had grown used to is not defended.
+            best = best_rescaled(photos, model.material, settled=metals is None)
         if best is None:
             return
         trial, factor = best
-        self.lights.dim(float(trial.material.mean_color) / float(model.mean_color))
+        self.lights.dim(float(trial.material.mean_color) / mean)
         self._take_over(model, trial)
         model.brighten(factor)
         self.lights.dim(factor)

@@ -16,7 +16,7 @@ from lightprobe.reconstruction.distances import CoarseGrids, DistanceMlp
 from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial
 from lightprobe.reconstruction.moving_visibility import MovingVisibility
 from lightprobe.reconstruction.start import Start
-from lightprobe.reconstruction.trials.schedule import lids_tried, metals_tried
+from lightprobe.reconstruction.trials.schedule import lids_tried
 from lightprobe.render.asset import gbuffer_of
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.silhouette import outline_vertices
@@ -148,9 +148,7 @@ class LatticeModel(nn.Module):
             # The points are detached: what a material costs must not move the surface to where it is cheaper.
             points = self._some(points, step)
             material = self.material(points)
-        loss = loss + self.material.loss(
-            points, material, step, covered, decided=metals_tried(self.config, step)
-        )
+        loss = loss + self.material.loss(points, material, step, covered)
         edges = edge_faces(faces, outline_vertices(screen, faces))
         return RasterisedView(gbuffer, screen, faces, edges, loss)
 

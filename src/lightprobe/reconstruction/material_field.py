@@ -15,12 +15,12 @@ import torch
 from torch import Tensor, nn
 
 from lightprobe.core.config import DecomposeConfig, Smoothed
-from lightprobe.core.device import draw_rows, generator, to_device
+from lightprobe.core.device import generator, to_device
 from lightprobe.geometry.textures import CHANNELS
 from lightprobe.kernels import hash_encode
 from lightprobe.light.prefilter import MIN_ROUGHNESS
 from lightprobe.reconstruction.losses import SMOOTHNESS, brightness_anchor, color_change, material_prior
-from lightprobe.training import Descent, ParameterGroup
+from lightprobe.reconstruction.trials.schedule import metals_tried
 
 MATERIAL_RATE = 0.005  # Adam step of the material in the first two passes (paper, 4.2)
 START_BASE = 0.2  # linear base colour that a new field shows
@@ -29,7 +29,6 @@ _FEATURES = 2  # per level and entry
 _EXTENT = 1.2  # half edge of the cube around the origin that the grid covers, in object radii
 _NEIGHBOURS = 4096  # points whose material is compared with that beside them
 _BESIDE = 0.01  # how far away that is, in object radii
-_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
 
 # points (N, 3), the field's material (N, 8) -> a material (N, 8) with some values given
 Held = Callable[[Tensor, Tensor], Tensor]
@@ -125,11 +124,11 @@ class ScaledMaterial(nn.Module):
         """Become `other`, in place: an optimiser may hold the parameters."""
         self.load_state_dict(other.state_dict())
 
-    def loss(self, position: Tensor, material: Tensor, step: int, covered: float, *, decided: bool) -> Tensor:
+    def loss(self, position: Tensor, material: Tensor, step: int, covered: float) -> Tensor:
         """Return what the material (N, 8) at N surface points (N, 3) costs: smoothness, priors, normal
         offsets.
 
-        covered: the share of a photo that the points cover; decided: as in `losses.material_prior`.
+        covered: the share of a photo that the points cover.
         """
         config, count = self.config, min(_NEIGHBOURS, len(position))
         random = generator(self.seed, "jitter", step)
@@ -143,22 +142,7 @@ class ScaledMaterial(nn.Module):
             change = (here - there).abs().mean()
         return (
             SMOOTHNESS * change
-            + material_prior(material, config, decided=decided)
+            + material_prior(material, config, decided=metals_tried(config, step))
             + brightness_anchor(material[:, :3], self.mean_color, config)
             + config.normal_prior * material[:, 5:].square().mean()
         )
-
-
-def fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
-    """Fit a field to materials (N, 8) at points (N, 3), normal offsets included, as one network has them all."""
-    descent = Descent(
-        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
-        lambda rows: (material(points[rows]) - wanted[rows]).square().mean(),
-        betas=(0.9, 0.99),
-        epsilon=1e-12,
-        fused=True,
-    )
-    every = torch.arange(len(points), device=points.device)
-    for step in range(_COPY_STEPS):
-        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
-    descent.end()

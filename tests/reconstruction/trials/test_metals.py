@@ -10,7 +10,7 @@ from lightprobe.core.config import DecomposeConfig
 from lightprobe.light.prefilter import cached
 from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction.lights import Lights
-from lightprobe.reconstruction.material_field import ScaledMaterial, fit_field
+from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.trials import metals
 from lightprobe.reconstruction.trials.metals import HeldMetallic, Materials, best_metals
 from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
@@ -55,7 +55,7 @@ def painted(samples, gilt: bool) -> ScaledMaterial:
     channels = truth(position, gilt)
     if not gilt:
         channels[:, :3] *= torch.where(position[:, 1:2] > 0, 0.6, 1.0)
-    fit_field(material, position, torch.cat([channels, RELIEF.expand(len(position), 3)], 1), 0)
+    metals._fit_field(material, position, torch.cat([channels, RELIEF.expand(len(position), 3)], 1), 0)
     return material
 
 

@@ -15,9 +15,7 @@ What is tried when, in this order (`trials.schedule`):
     second trial: after     1. lids are opened (`cavities`, `lids`);
     .7 of the pass          2. each of the object's few materials becomes metal, or no metal (`metals`);
                             3. the material is made up to four times brighter or darker
-                               (`brightness.best_rescaled`);
-                            4. the fit starts over from half the roughness, whatever photos say of it
-                               (`gloss`): this is no choice, but frees it from where it came from
+                               (`brightness.best_rescaled`)
 
 How: the changed material is a copy, fitted for a short time on the surface as it is, without silhouettes
 (`trial.Trial`), which costs a fraction of as many steps of the pass. A light bends to the pixels that it is

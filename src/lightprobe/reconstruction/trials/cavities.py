@@ -245,7 +245,7 @@ class _Fitted:
             place[gbuffer.pixel] = gbuffer.position
             places[target.name] = place
         material, steps = copy.deepcopy(model.material), refit_steps(model.config)
-        seen = TrialPhotos(samples, photos.lights, photos.seed, photos.decided)
+        seen = TrialPhotos(samples, photos.lights, photos.seed)
         return _Fitted(Trial(material, seen, steps), covered, places)
 
     def moved(self, other: "_Fitted", sample: Sample, rows: Tensor) -> Tensor:

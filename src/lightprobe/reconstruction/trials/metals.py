@@ -17,20 +17,24 @@ import scipy
 import torch
 from torch import Tensor
 
-from lightprobe.reconstruction.material_field import ScaledMaterial, fit_field
+from lightprobe.core.device import draw_rows, generator
+from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.trials.evidence import FEWEST_PHOTOS, Evidence
 from lightprobe.reconstruction.trials.schedule import refit_steps
 from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
+from lightprobe.training import Descent, ParameterGroup
 
 COUNT = 4  # materials that an object is sorted into; an object of fewer has some without points
 _ROUNDS = 30  # of sorting
 _ALIKE = 0.7, 2.0, 2.0  # weights of the logarithm of colours, of roughness and of metallic
 _DARKEST = 0.02  # linear colour below which all are alike
+_POINTS = 24_576  # of the surface, that are sorted into materials
 _SMALLEST = 0.04  # share of the points that makes a material
 _METAL, _NO_METAL = 0.95, 0.0  # what metallic is held at
 _BRIGHTER = 1.5  # a metal has no diffuse light to help its colour
 _SHARPEST = 0.4  # roughness of a new metal at most: a rougher one could not be told from paint
 _FEWEST_PIXELS = 80  # of a material in a photo that judges it
+_COPY_STEPS, _COPY_POINTS, _COPY_RATE = 250, 4096, 5e-3  # of fitting a field to another, in Adam's unit
 
 
 @dataclass(frozen=True)
@@ -91,7 +95,9 @@ def best_metals(photos: TrialPhotos, material: ScaledMaterial) -> Trial | None:
     """
     if len(photos.samples) < FEWEST_PHOTOS:
         return None
-    points, seed = photos.points(), photos.seed
+    every, seed = torch.cat([sample.pixels.position for sample in photos.samples]), photos.seed
+    rows = draw_rows(torch.arange(len(every), device=every.device), _POINTS, generator(seed, "metals/points"))
+    points = every[rows]
     materials = Materials.of(material, points, seed)
     steps, accepted = refit_steps(material.config), []
     present = Trial(copy.deepcopy(material), photos, steps)
@@ -105,12 +111,17 @@ def best_metals(photos: TrialPhotos, material: ScaledMaterial) -> Trial | None:
             accepted.append(number)
     if not accepted:
         return None
-    # All the changes are made together, fitted, and then held no longer.
+    # All the changes are made together, fitted, and then held no longer. Normal offsets stay those of the
+    # `material`: a trial's pictures have none, and its priors flatten them.
     changed = material
     for number in accepted:
         changed = _changed(changed, materials, number, points, seed)
     trial = Trial(changed, photos, steps)
-    trial.settle(material)
+    with torch.no_grad():
+        fitted = trial.material(points)  # held values among them, which the field does not know
+        fitted[:, 5:] = material(points)[:, 5:]
+    trial.material.held = []
+    _fit_field(trial.material, points, fitted, seed)
     return trial
 
 
@@ -132,6 +143,21 @@ def _changed(
         if metal:
             wanted[here, 3] = wanted[here, 3].clamp(max=_SHARPEST)
     changed = copy.deepcopy(material)
-    fit_field(changed, points, wanted, seed)
+    _fit_field(changed, points, wanted, seed)
     changed.held = [*changed.held, held]
     return changed
+
+
+def _fit_field(material: ScaledMaterial, points: Tensor, wanted: Tensor, seed: int) -> None:
+    """Fit a field to materials (N, 8) at points (N, 3), normal offsets included, as one network has them all."""
+    descent = Descent(
+        [ParameterGroup(dict(material.field.named_parameters()), _COPY_RATE)],
+        lambda rows: (material(points[rows]) - wanted[rows]).square().mean(),
+        betas=(0.9, 0.99),
+        epsilon=1e-12,
+        fused=True,
+    )
+    every = torch.arange(len(points), device=points.device)
+    for step in range(_COPY_STEPS):
+        descent.step(step, draw_rows(every, _COPY_POINTS, generator(seed, "metals/copy", step)))
+    descent.end()

@@ -11,7 +11,7 @@ from lightprobe.core.device import draw_rows, generator
 from lightprobe.light.photometry import displayed_error
 from lightprobe.reconstruction.lattice_model import LatticeModel
 from lightprobe.reconstruction.lights import Lights, LightSolver
-from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial, fit_field
+from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial
 from lightprobe.reconstruction.photos import Target, evenly_spaced
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
@@ -24,7 +24,6 @@ from lightprobe.training import Descent, ParameterGroup
 PHOTOS = 32  # that a trial learns from
 _PIXELS = 1536  # of each photo
 _RATE = 2.0  # of the pass's material, as the trial is short
-_POINTS = 24_576  # of the surface, at which a field is fitted to another
 _JUDGES = 8  # of the photos, or up to twice as many where their number is no multiple of it
 
 
@@ -51,10 +50,6 @@ class Sample:
         up, background = target.view.rotation[:, 1], target.background_level
         return Sample(target.name, pixels, color, clipped, covered, up, background)
 
-    def halves(self, random: torch.Generator) -> tuple[Tensor, ...]:
-        """Return the rows (K,) int64 of two halves of the pixels, drawn at random."""
-        return torch.randperm(len(self.color), generator=random).to(self.color.device).tensor_split(2)
-
     def of_material(self, material: Tensor) -> GBuffer:
         """Return the pixels with a material (P, 8), its normal offsets left out."""
         return replace(
@@ -69,13 +64,6 @@ class TrialPhotos:
     samples: Sequence[Sample]
     lights: Lights
     seed: int
-    decided: bool = False  # as `losses.material_prior` has it
-
-    def points(self) -> Tensor:
-        """Return some of the surface points that the photos show, drawn at random, (N, 3)."""
-        every = torch.cat([sample.pixels.position for sample in self.samples])
-        rows = torch.arange(len(every), device=every.device)
-        return every[draw_rows(rows, _POINTS, generator(self.seed, "metals/points"))]
 
 
 @dataclass(frozen=True)
@@ -86,7 +74,6 @@ class PassPhotos:
     lights: Lights
     fraction: float  # share of the pass that is done
     seed: int
-    decided: bool = False  # as `losses.material_prior` has it
 
     def evenly(self, count: int) -> "PassPhotos":
         """Return some of the photos, spread evenly over all."""
@@ -100,32 +87,20 @@ class PassPhotos:
     def of_trial(self, model: LatticeModel) -> TrialPhotos:
         """Return the pixels that `PHOTOS` of the photos show of the model, without photos too small to halve."""
         samples = [Sample.of(*shown, self.seed) for shown in self.evenly(PHOTOS).shown(model)]
-        samples = [sample for sample in samples if len(sample.color) > 1]
-        return TrialPhotos(samples, self.lights, self.seed, self.decided)
+        return TrialPhotos([sample for sample in samples if len(sample.color) > 1], self.lights, self.seed)
 
 
 class Trial:
     """A material fitted on a fixed surface, and its lights."""
 
-    def __init__(
-        self,
-        material: ScaledMaterial,
-        photos: TrialPhotos,
-        steps: int,
-        factor: float = 1.0,
-        *,
-        solves: int = 0,
-    ):
+    def __init__(self, material: ScaledMaterial, photos: TrialPhotos, steps: int, factor: float = 1.0):
         """Fit a material, which is changed, from the photos' lights divided by `factor`; one photo a step.
-
-        solves: how often each light is solved before the first step; the lights of a much rougher material
-        are so blurred that they would make this one as rough.
 
         What the samples see of the object keeps its present colours, whatever the material's brightness:
         docs/decisions/brightness-once-more.md.
         """
         samples, lights = photos.samples, photos.lights
-        self.material, self.samples, self.seed, self._photos = material, samples, photos.seed, photos
+        self.material, self.samples, self.seed, self._pass_lights = material, samples, photos.seed, lights
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
         device = lights.maps[0].device
         self._solver = LightSolver(material.config, device, _PIXELS // 2)
@@ -138,46 +113,21 @@ class Trial:
             epsilon=1e-12,
             fused=True,
         )
-        for turn in range(solves):
-            self._solve_all(turn)
         for step in range(steps):
             descent.step(step, samples[step % len(samples)], step)
         descent.end()
 
-    def settle(self, material: ScaledMaterial) -> None:
-        """Fit the field to what it has learnt with values held, which are held no longer, and with the normal
-        offsets of `material`: a trial's pictures have none, and its priors flatten them.
-        """
-        points = self._photos.points()
-        with torch.no_grad():
-            fitted = self.material(points)
-            fitted[:, 5:] = material(points)[:, 5:]
-        self.material.held = []
-        fit_field(self.material, points, fitted, self.seed)
-
-    @torch.no_grad()
-    def _solve_all(self, turn: int) -> None:
-        for sample in self.samples:
-            pixels = sample.of_material(self.material(sample.pixels.position))
-            self._solve(sample, pixels, sample.halves(generator(self.seed, f"trial/{sample.name}", turn))[0])
-
-    def _solve(self, sample: Sample, pixels: GBuffer, rows: Tensor) -> Tensor:
-        """Return the light (6, R, R, 3) that explains the rows (K,) int64 of a sample's pixels, and keep it."""
-        pull = self._photos.lights.pull(sample.name, self.lights)
-        light = self._solver(sample.color, sample.clipped, pixels, rows, self.lights[sample.name], pull)
-        self.lights[sample.name] = light
-        return light
-
     def _loss(self, sample: Sample, step: int) -> Tensor:
         material = self.material(sample.pixels.position)
         pixels, color, clipped = sample.of_material(material), sample.color, sample.clipped
-        solved, fitted = sample.halves(generator(self.seed, f"trial-halves/{sample.name}", step))
-        light = self._solve(sample, pixels, solved)
+        random = generator(self.seed, f"trial-halves/{sample.name}", step)
+        order = torch.randperm(len(color), generator=random)
+        solved, fitted = order.to(color.device).tensor_split(2)
+        pull = self._pass_lights.pull(sample.name, self.lights)
+        light = self._solver(color, clipped, pixels, solved, self.lights[sample.name], pull)
+        self.lights[sample.name] = light
         image = displayed_error(shade_under(pixels.select(fitted), light), color[fitted], clipped[fitted])
-        decided = self._photos.decided
-        return image + self.material.loss(
-            sample.pixels.position, material, step, sample.covered, decided=decided
-        )
+        return image + self.material.loss(sample.pixels.position, material, step, sample.covered)
 
     @torch.no_grad()
     def disagreements(self, photos: int = _JUDGES) -> Tensor:
