@@ -1,6 +1,5 @@
 """Phase I from start to end: visual hull, first pass, bake, second and third pass, final lights, verdict."""
 
-import functools
 import statistics
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -91,10 +90,11 @@ def decompose(
     first, second, third = passes = stages(config)
     progress = progress or Progress()
     training = Training("Phase I", asdict(config), seed, passes, config.checkpoint_every, progress)
-    phase = _Phase(
-        scene, config, device, seed, training, *split_validation(scene.train, config.validation_photos)
-    )
     resumed = training.latest()
+    # Before a checkpoint is used: a photo that cannot be read is no fault of it.
+    surroundings = _Surroundings.of(scene, config, device)
+    photos = split_validation(scene.train, config.validation_photos)
+    phase = _Phase(scene, config, device, seed, training, surroundings, *photos)
     if resumed is None or resumed.stage == first.name:
         start, resumed = phase.first_pass(first, resumed), None
         training.begin(second, start.tensors())
@@ -115,6 +115,29 @@ class _Surroundings:
     levels: dict[str, float | None]  # as `background_level` has them
     seen: dict[str, SeenLight]  # of their lights; empty where the plane that the object stands on is unknown
 
+    @staticmethod
+    def of(scene: Scene, config: DecomposeConfig, device: torch.device) -> "_Surroundings":
+        """Read the photos, each once, as they may be large."""
+        similarity = scene.similarity
+        plane = None if scene.support is None else scene.support.normalised(similarity)
+        resolution = max(config.light_resolution, config.teacher_resolution)
+        levels: dict[str, float | None] = {}
+        places: dict[tuple[str | None, str], dict[str, SeenLight]] = {}
+        for photo in scene.train:
+            background = load_background(photo)
+            levels[photo.name] = background_level(background)
+            if background is not None and plane is not None:
+                background = replace(background, camera=background.camera.normalised(similarity))
+                shown = SeenLight.of(background, resolution, device, plane)
+                place = photo.light_group, "" if photo.light_group else photo.name
+                places.setdefault(place, {})[photo.name] = shown
+        seen = {
+            name: light
+            for photos in places.values()
+            for name, light in zip(photos, seen_together(list(photos.values())), strict=True)
+        }
+        return _Surroundings(levels, seen)
+
 
 @dataclass(frozen=True)
 class _Phase:
@@ -125,31 +148,9 @@ class _Phase:
     device: torch.device
     seed: int
     training: Training
+    surroundings: _Surroundings
     fitted: list[Photo]
     held_out: list[Photo]
-
-    @functools.cached_property
-    def surroundings(self) -> _Surroundings:
-        """What the photos show around the object; each is decoded once for it, as photos are large."""
-        similarity, support = self.scene.similarity, self.scene.support
-        plane = None if support is None else support.normalised(similarity)
-        resolution = max(self.config.light_resolution, self.config.teacher_resolution)
-        levels: dict[str, float | None] = {}
-        places: dict[tuple[str | None, str], dict[str, SeenLight]] = {}
-        for photo in self.scene.train:
-            background = load_background(photo)
-            levels[photo.name] = background_level(background)
-            if background is not None and plane is not None:
-                background = replace(background, camera=background.camera.normalised(similarity))
-                shown = SeenLight.of(background, resolution, self.device, plane)
-                place = photo.light_group, "" if photo.light_group else photo.name
-                places.setdefault(place, {})[photo.name] = shown
-        seen = {
-            name: light
-            for photos in places.values()
-            for name, light in zip(photos, seen_together(list(photos.values())), strict=True)
-        }
-        return _Surroundings(levels, seen)
 
     def targets(self, photos: list[Photo], side: int) -> list[Target]:
         """Return photos as tensors of at most `side` pixels."""
