@@ -17,6 +17,7 @@ MEASUREMENTS = {
     "memory": "peak memory of commands by the size of a photo",
     "object": "Phase I alone against the true object and lights",
     "paper": "steps and memory of `--preset paper`, and a full run projected",
+    "population": "Phase I on two dozen random objects against their truth",
     "prepare": "cameras and masks of plain photos against known ones",
     "shoot": "no measurement: makes simulated photo shoots with their truth",
     "service": "the service under load, with hostile requests and killed workers",
@@ -27,7 +28,7 @@ def main(words: list[str]) -> int:
     """Run a measurement with the words behind its name and return the exit code."""
     if not words or words[0] not in MEASUREMENTS:
         print("usage: python -m benchmarks NAME ...   (NAME --help explains one)\n")
-        print("\n".join(f"  {name:<9} {about}" for name, about in MEASUREMENTS.items()))
+        print("\n".join(f"  {name:<10} {about}" for name, about in MEASUREMENTS.items()))
         return 0 if words and words[0] in ("-h", "--help") else 2
     sys.argv[0] = f"python -m benchmarks {words[0]}"
     try:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from demo_scene.geometry import Part, weld
-from demo_scene.textures import Model, atlas_uv
+from demo_scene.geometry import weld
+from demo_scene.textures import Model
 from lightprobe.geometry.mesh import Mesh
 from lightprobe.geometry.textures import Textures
 from lightprobe.imaging import resize_area
@@ -40,16 +40,18 @@ CASES = (
 
 def true_decomposition(model: Model) -> Decomposition:
     """Return the object as if reconstructed without an error; its frame is the normalised one."""
-    vertices, faces, uvs, uv_faces = _corners(model)
+    vertices, faces = model.vertices, model.faces
     points, welded = weld(vertices, faces)
     if len(welded) != len(faces):  # texture corners belong to faces, none of which may be lost
         points, index = np.unique(np.round(vertices, 6), axis=0, return_inverse=True)
         welded = index.reshape(-1)[faces]
     # A part's own vertices, split along its creases, keep its normals apart.
-    both = np.round(np.concatenate([vertices, np.concatenate([part.normals for part in model.parts])], 1), 4)
+    both = np.round(np.concatenate([vertices, model.normals], 1), 4)
     creases = np.unique(both, axis=0, return_inverse=True)[1].reshape(-1)[faces]
-    corners, texture, normal = (torch.from_numpy(f.astype(np.int32)) for f in (welded, uv_faces, creases))
-    mesh = Mesh(torch.from_numpy(points).float(), corners, torch.from_numpy(uvs).float(), texture, normal)
+    corners, texture, normal = (torch.from_numpy(f.astype(np.int32)) for f in (welded, faces, creases))
+    mesh = Mesh(
+        torch.from_numpy(points).float(), corners, torch.from_numpy(model.uv).float(), texture, normal
+    )
     material = model.material
     base, rough, metal = (
         torch.from_numpy(resize_area(plane.astype(np.float32), _TEXTURE, _TEXTURE))
@@ -76,18 +78,5 @@ def camera_of(case: Case, side: int, ground: float) -> Camera:
 
 def moved(model: Model, matrix: np.ndarray, offset: np.ndarray) -> Model:
     """Return the object with its points turned and scaled by `matrix` (3, 3) and then moved by `offset` (3,)."""
-    length = np.cbrt(np.linalg.det(matrix))
-
-    def part(one: Part) -> Part:
-        points, normals = one.vertices @ matrix.T + offset, one.normals @ matrix.T / length
-        return replace(one, vertices=points, normals=normals)
-
-    return replace(model, parts=[part(one) for one in model.parts])
-
-
-def _corners(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (V, 3), faces (F, 3), texture coordinates (V, 2) and their faces (F, 3) of all parts."""
-    offsets = np.cumsum([0] + [len(part.vertices) for part in model.parts])
-    faces = np.concatenate([part.faces + start for part, start in zip(model.parts, offsets, strict=False)])
-    uvs = np.concatenate([atlas_uv(part) for part in model.parts])
-    return np.concatenate([part.vertices for part in model.parts]), faces, uvs, faces
+    normals = model.normals @ matrix.T / np.cbrt(np.linalg.det(matrix))
+    return replace(model, vertices=model.vertices @ matrix.T + offset, normals=normals)

@@ -4,7 +4,7 @@ import mitsuba as mi
 import numpy as np
 
 from benchmarks.composed import background
-from demo_scene.render import Studio, View, painted_mesh
+from demo_scene.render import Studio, View, textured_mesh
 from demo_scene.textures import Model
 from lightprobe.scene.camera import Camera
 
@@ -33,7 +33,7 @@ def photograph(
     """Return the linear photo (H, W, 3) of the objects on the ground, the environment (h, 2h, 3) behind them."""
     others: dict = {"ground": ground_shape(height, 1)}
     if thing is not None:
-        others["thing"] = painted_mesh(thing)[0]
+        others["thing"] = textured_mesh(thing)[0]
     studio = Studio(known, len(environment), others)
     studio.set_environment(environment.astype(np.float32))
     view = View(camera.camera_to_world, 2 * float(np.arctan(0.5 * camera.width / camera.fx)))

@@ -5,7 +5,8 @@
 For choices about materials and lights: it takes a third of a whole training, and nothing of Phase II can hide or add an
 error. --set changes fields of the preset's `DecomposeConfig`. The lights are those of the training photos, compared
 with the true ones on 6 x 8 x 8 texels after one factor per channel: log-RMSE, and of that the part in which channels
-differ (cast). The last columns are what the object's verdict rests on (`models.object_verdict`).
+differ (cast). The spheres' errors (`evaluation.three_spheres`) are of lights that are read off the test photos by least
+squares. The last columns are what the object's verdict rests on (`models.object_verdict`).
 """
 
 import time
@@ -14,20 +15,24 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from benchmarks import command_line
-from lightprobe.core.config import DecomposeConfig, Preset, settings
+from lightprobe.core.config import DecomposeConfig, Method, Preset, settings
 from lightprobe.core.device import resolve_device
 from lightprobe.core.errors import ConfigError
+from lightprobe.evaluation.three_spheres import SPHERES
+from lightprobe.evaluation.true_light import TrueLight
 from lightprobe.evaluation.truth import MaterialScores, relight_scores
 from lightprobe.evaluation.views import TestView
 from lightprobe.light import cubemap
 from lightprobe.light.environment import Environment
 from lightprobe.models import Decomposition
+from lightprobe.prediction import Predictor
 from lightprobe.reconstruction import decompose
-from lightprobe.scene import load_scene
+from lightprobe.scene import load_pixels, load_scene
 from lightprobe.scene.photo import Scene
 
 _SIDE = 8  # texels along an edge of the cubemaps that are compared
@@ -44,6 +49,9 @@ _COLUMNS = {
     "relight_psnr_scaled": ".1f",
     "light_log_rmse": ".2f",
     "light_cast": ".2f",
+    "diffuse": ".3f",
+    "matte": ".3f",
+    "mirror": ".3f",
     "disagreement": ".4f",
     "front_bias": ".2f",
     "surprise": ".1f",
@@ -92,6 +100,21 @@ def light_scores(decomposition: Decomposition, scene: Scene) -> dict[str, float]
     return {"light_log_rmse": total, "light_cast": cast}
 
 
+def read_lights(
+    decomposition: Decomposition, scene: Scene, device: torch.device, method: Method = Method.SOLVE
+) -> dict[str, float]:
+    """Return the spheres' mean errors under lights read off the test photos, {} for photos without true ones."""
+    predictor, found = Predictor(decomposition, None, device), []
+    for photo in scene.test:
+        if photo.truth.environment is not None:
+            pixels, camera = load_pixels(photo)
+            side, center = predictor.config.light_resolution, scene.similarity.center
+            true = TrueLight.load(photo.truth.environment, camera, center, side, device)
+            scores = true.scores(predictor.predict(pixels, camera, method, refuse=False))
+            found.append([scores[f"{name}_si_rmse"] for name in SPHERES])
+    return dict(zip(SPHERES, map(float, np.mean(found, axis=0)), strict=True)) if found else {}
+
+
 def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: int) -> dict[str, float]:
     """Run Phase I on a scene and return its scores."""
     scene, start = load_scene(folder), time.monotonic()
@@ -102,7 +125,8 @@ def measure(folder: Path, config: DecomposeConfig, device: torch.device, seed: i
     verdict = decomposition.verdict
     judged = {} if verdict is None else dict(vars(verdict))
     lit = relight_scores(decomposition, scene, device) | light_scores(decomposition, scene)
-    return {"seconds": seconds, **materials.result(), **lit, **judged}
+    read = read_lights(decomposition, scene, device)
+    return {"seconds": seconds, **materials.result(), **lit, **read, **judged}
 
 
 def main(words: Sequence[str]) -> None:

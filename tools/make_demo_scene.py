@@ -8,6 +8,7 @@ CC0 environments in `demo_scene/hdri`. The same options make the same scene.
 """
 
 import argparse
+import shutil
 from pathlib import Path
 
 from lightprobe.core.files import atomic_folder
@@ -28,9 +29,12 @@ def main() -> None:
     if folder.exists() and not (folder / "generation.json").exists():
         parser.error(f"{folder} exists and is not a scene made by this command; name a new folder.")
     from demo_scene.dataset import Settings, write_scene  # starts Mitsuba, so only when it is needed
+    from demo_scene.textures import make_model
 
+    settings = Settings(**options)
     with atomic_folder(folder) as temporary:
-        write_scene(temporary, Settings(**options))
+        write_scene(temporary, settings, "coffee-pot", make_model(settings.seed))
+        shutil.copyfile(Path(__file__).parent / "demo_scene" / "scene_readme.md", temporary / "README.md")
 
 
 if __name__ == "__main__":

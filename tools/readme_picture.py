@@ -42,7 +42,7 @@ def make_photo(folder: Path) -> np.ndarray:
     from demo_scene.textures import make_model
 
     pot = make_model(0)
-    ground = min(float(part.vertices[:, 2].min()) for part in pot.parts)
+    ground = float(pot.vertices[:, 2].min())
     camera = camera_of(Case("readme", LIGHT, TURN, AZIMUTH, 1.0), SIDE, ground)
     light = read_hdr(Path(__file__).parent / "demo_scene" / "hdri" / f"{LIGHT}.exr")[..., :3]
     photo = photograph(pot, None, np.roll(light, TURN, axis=1), camera, ground, samples=512)

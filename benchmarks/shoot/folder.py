@@ -1,7 +1,8 @@
 """The shoot's folder, written photo by photo: photos, masks, the light of every place, cameras and the true mesh.
 
     train/NAME.jpg test/NAME.jpg masks/NAME.png    photos, and which of their pixels show the object
-    transforms_{train,test}.json                   true cameras in the object's frame: lightprobe's scene format
+    transforms_{train,test}.json                   true cameras in the object's frame, which photos share a place and
+                                                   the plane of its table: lightprobe's scene format
     light/PLACE.exr                                the light at the object's centre, the object not there
     mesh.obj                                       the true surface, as far as it is seen from outside
     shoot.json                                     settings, places with the plane of their table, photos done so far
@@ -23,6 +24,7 @@ from PIL import Image
 from demo_scene.files import write_exr, write_obj
 from demo_scene.geometry import visible_faces, weld
 from demo_scene.lights import LARGEST, solid_angles
+from demo_scene.render import textured_mesh
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import atomic_path, read_json, write_bytes, write_json
 from lightprobe.render.path_tracer import tamed
@@ -32,7 +34,7 @@ from .models import corners, textured
 from .objects import OBJECTS, make_object
 from .places import Kind, Place, make_place, strangers
 from .telephone import Telephone, white_balance
-from .tracing import Tracer, ball_lamp, panorama, quad_lamp, shape_of, sky_lamp
+from .tracing import Tracer, ball_lamp, panorama, quad_lamp, sky_lamp
 
 _GROUPS = 4  # of passes, whose median tells a pixel's brightness from one lucky ray's
 _LIGHT_ROWS = 128
@@ -96,7 +98,7 @@ class Shoot:
         self.parts = make_object(settings.object, settings.seed)
         self.points = corners(self.parts)
         self.model = textured(self.parts, settings.atlas)
-        self.shape = shape_of(self.model)
+        self.shape = textured_mesh(self.model)[0]
 
     def _opened(self) -> dict[str, Any]:
         """Return the record of photos done; raise `ConfigError` where the folder is not of these settings."""
@@ -155,15 +157,17 @@ class Shoot:
                 continue
             if settings.strangers:
                 crowd = strangers(place, np.random.default_rng([self.seed, 5, int(photo.name[4:])]))
-                tracer = Tracer(things | {"strangers": shape_of(textured(crowd, settings.atlas // 2))})
+                tracer = Tracer(
+                    things | {"strangers": textured_mesh(textured(crowd, settings.atlas // 2))[0]}
+                )
             self._take(photo, place, pose, tracer, balance)
             self.say(f"{len(self.record['frames'])} of {total} photos: {photo.name} in {place.name}")
 
     def _things(self, place: Place) -> dict[str, Any]:
         """Return all but the object as the path tracer knows it."""
         things: dict[str, Any] = {
-            "support": shape_of(textured(place.support, self.settings.atlas)),
-            "surroundings": shape_of(textured(place.surroundings, self.settings.atlas)),
+            "support": textured_mesh(textured(place.support, self.settings.atlas))[0],
+            "surroundings": textured_mesh(textured(place.surroundings, self.settings.atlas))[0],
         }
         for k, lamp in enumerate(place.lamps):
             center, ball = lamp.pose[:3, 3], lamp.radius > 0
@@ -221,12 +225,20 @@ class Shoot:
                     "file_path": f"{split}/{frame['name']}.jpg",
                     "mask_path": f"masks/{frame['name']}.png",
                     "transform_matrix": frame["transform_matrix"],
+                    "light_group": frame["place"],
                 }
                 for frame in self.record["frames"]
                 if frame["split"] == split
             ]
             lens = self._lens() | {"camera_model": "OPENCV", "k2": 0, "p1": 0, "p2": 0}
-            write_json(self.root / f"transforms_{split}.json", lens | {"frames": frames})
+            names = {frame["light_group"] for frame in frames}
+            supports = {
+                name: {"normal": place["support"]["normal"], "offset": place["support"]["height"]}
+                for name, place in self.record["places"].items()
+                if name in names
+            }
+            value = lens | {"supports": supports, "frames": frames}
+            write_json(self.root / f"transforms_{split}.json", value)
 
     def _write_mesh(self) -> None:
         """Write the faces that some ray leaves to the outside, the table away."""

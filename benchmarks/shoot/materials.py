@@ -26,6 +26,9 @@ class Kind(StrEnum):
     CLOTH = "cloth"
     GLAZE = "glaze"
     RUBBER = "rubber"
+    LACQUER = "lacquer"
+    CHROME = "chrome"
+    GLASS = "glass"
 
 
 _ROUGHNESS = {
@@ -37,12 +40,16 @@ _ROUGHNESS = {
     Kind.CLOTH: (0.85, 1.0),
     Kind.GLAZE: (0.08, 0.2),
     Kind.RUBBER: (0.7, 0.9),
+    Kind.LACQUER: (0.12, 0.3),
+    Kind.CHROME: (0.05, 0.12),
+    Kind.GLASS: (0.05, 0.1),
 }
 _METALS = np.array(
     [[0.56, 0.57, 0.58], [0.89, 0.66, 0.30], [0.93, 0.62, 0.52], [0.91, 0.92, 0.92], [0.42, 0.41, 0.40]]
 )
 _WOODS = np.array([[0.42, 0.24, 0.11], [0.20, 0.085, 0.035], [0.55, 0.38, 0.20], [0.30, 0.13, 0.05]])
-_ANY_COLOR = (Kind.PAINT, Kind.PLASTIC, Kind.CLOTH, Kind.GLAZE)
+_ANY_COLOR = (Kind.PAINT, Kind.PLASTIC, Kind.CLOTH, Kind.GLAZE, Kind.LACQUER)
+_EVEN = (Kind.GLAZE, Kind.LACQUER, Kind.GLASS)  # equally rough everywhere
 
 
 def noise(points: np.ndarray, scale: float, seed: int, octaves: int = 3) -> np.ndarray:
@@ -81,6 +88,8 @@ def plain(kind: Kind, rng: np.random.Generator, color: np.ndarray | None = None)
         Kind.WOOD: _WOODS[rng.integers(len(_WOODS))] * rng.uniform(0.7, 1.4),
         Kind.STONE: mix(rng.uniform(0.15, 0.6) * np.ones(3), vivid(rng), 0.25),
         Kind.RUBBER: np.full(3, rng.uniform(0.02, 0.06)),
+        Kind.CHROME: _METALS[0],
+        Kind.GLASS: np.full(3, rng.uniform(0.01, 0.04)),  # dark, as of a car's windows: nothing shows through
     }
     shade = natural.get(kind, vivid(rng) if color is None else color)
 
@@ -96,10 +105,12 @@ def plain(kind: Kind, rng: np.random.Generator, color: np.ndarray | None = None)
             weave = np.sin(90 * points).prod(axis=-1)
             tone = tone * (0.9 + 0.2 * np.sign(weave) * np.abs(weave) ** 0.3)
         base = shade * tone[..., None]
+        if kind is Kind.CHROME:
+            return Material(shade * (0.95 + 0.1 * fine[..., None]), rough + 0.03 * fine, np.ones_like(tone))
         if kind is Kind.METAL:
             dull = smoothstep(0.55, 0.8, coarse)
             return Material(base, rough + 0.15 * dull + 0.05 * fine, np.ones_like(tone))
-        return _dielectric(base, rough + 0.1 * (coarse - 0.5) * (kind is not Kind.GLAZE))
+        return _dielectric(base, rough + 0.1 * (coarse - 0.5) * (kind not in _EVEN))
 
     return paint
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import map_coordinates
 
-from demo_scene.textures import Material
+from demo_scene.textures import Material, Model
 
 from .shapes import Shape, grid_coordinates, group_mesh
 
@@ -27,17 +27,6 @@ class Part:
     def moved(self, pose: np.ndarray) -> "Part":
         """Return the part where `pose` (4, 4) takes it."""
         return replace(self, pose=pose @ self.pose)
-
-
-@dataclass(frozen=True)
-class Model:
-    """A mesh with normals and texture coordinates, v down the rows of the atlas, and its atlas (S, S)."""
-
-    vertices: np.ndarray  # (V, 3)
-    normals: np.ndarray  # (V, 3)
-    uv: np.ndarray  # (V, 2)
-    faces: np.ndarray  # (F, 3)
-    material: Material
 
 
 def pose_of(

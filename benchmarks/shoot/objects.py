@@ -100,15 +100,18 @@ def _body(rng: np.random.Generator) -> tuple[Shape, np.ndarray]:
 
 
 def random_object(rng: np.random.Generator) -> list[Part]:
-    """One to three bodies on top of each other with knobs, plates, handles, bars, wheels or legs."""
+    """One to three bodies on top of each other with knobs, plates, handles, bars, wheels or legs, of up to six materials."""
+    palette = []
+    for kind in rng.choice(list(Kind), int(rng.integers(1, 7))):
+        palette.append((patterned if rng.random() < 0.4 else plain)(Kind(kind), rng))
 
-    def material(make: Callable[[Kind, np.random.Generator], Painter]) -> Painter:
-        return make(list(Kind)[rng.integers(len(Kind))], rng)
+    def material() -> Painter:
+        return palette[rng.integers(len(palette))]
 
     parts, top = [], 0.0
     for _ in range(int(rng.integers(1, 4))):
         shape, half = _body(rng)
-        parts.append(Part(shape, material(patterned), pose_of((0, 0, top + half[2]), rng.uniform(-0.4, 0.4))))
+        parts.append(Part(shape, material(), pose_of((0, 0, top + half[2]), rng.uniform(-0.4, 0.4))))
         for _ in range(int(rng.integers(1, 3))):  # on a side of the body, half sunk into it
             turn, kind = rng.uniform(0, 2 * np.pi), rng.choice(["knob", "plate", "handle", "bar"])
             reach = 0.85 / np.hypot(np.cos(turn) / half[0], np.sin(turn) / half[1])
@@ -131,13 +134,13 @@ def random_object(rng: np.random.Generator) -> list[Part]:
                 "bar": bar((0, 0, -size), (0, 0, 4 * size), 0.2 * size),
             }[kind]
             at = pose_of((reach, 0, top + half[2]), np.pi / 2, (0, 1, 0))
-            parts.append(Part(attached, material(plain), pose_of(turn=turn) @ at))
+            parts.append(Part(attached, material(), pose_of(turn=turn) @ at))
         top += 1.85 * half[2]
     low = corners(parts[:1])
     x, y = 0.6 * np.abs(low[:, 0]).max(), 0.6 * np.abs(low[:, 1]).max()
     stand = rng.choice(["none", "legs", "wheels"])
     tyre, hub = wheel(0.25, 0.12, 6, 0.07)
-    first, second = material(plain), material(plain)
+    first, second = material(), material()
     for sx, sy in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         if stand == "legs":
             parts.append(

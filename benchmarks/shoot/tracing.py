@@ -11,10 +11,7 @@ import mitsuba as mi
 import numpy as np
 
 from demo_scene.lights import directions
-from demo_scene.render import textured_mesh
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, environment_rows
-
-from .models import Model
 
 _DEPTH = 6  # up to five scattering events
 _SURE = 3  # of these no path is ended by chance, which takes two fifths off the time
@@ -24,11 +21,6 @@ _RAYS = 2**19  # at once
 def use_one_thread() -> None:
     """Make the path tracer leave all cores but one to others."""
     dr.set_thread_count(1)
-
-
-def shape_of(model: Model) -> mi.Mesh:
-    """Return a model as a shape of Mitsuba."""
-    return textured_mesh(model.vertices, model.normals, model.uv, model.faces, model.material)[0]
 
 
 def quad_lamp(pose: np.ndarray, radiance: np.ndarray) -> dict:

@@ -1,7 +1,6 @@
 """The scene folder: which cameras and lights there are, and the files of every photo."""
 
 import json
-import shutil
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
@@ -9,7 +8,7 @@ import mitsuba as mi
 import numpy as np
 
 from .files import round_half, srgb_encode, write_exr, write_obj, write_png
-from .geometry import Part, visible_faces, weld
+from .geometry import visible_faces, weld
 from .lights import (
     HEIGHT,
     LARGEST,
@@ -22,7 +21,7 @@ from .lights import (
     reduce_area,
 )
 from .render import Studio, View
-from .textures import make_model
+from .textures import Model
 
 # field of view: the unit sphere fits into the picture from a distance of 3
 ANGLE = 2 * float(np.arctan(0.36))
@@ -30,6 +29,7 @@ _KEY = 0.22  # mean luminance a photo is exposed for
 _MIX = {"outdoors": 0.375, "room": 0.3, "studio": 0.2, "evening": 0.125}
 _RELIGHT_VIEWS = 4
 _RELIGHT_KINDS = (Kind.OUTDOORS, Kind.ROOM)
+_LOWEST = -0.5  # sine of the elevation of the lowest camera
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class Settings:
     mix: dict[str, float] = field(default_factory=lambda: dict(_MIX))  # share of each kind of light
 
 
-def camera_views(count: int, rng: np.random.Generator) -> list[View]:
-    """Return cameras 3 to 3.5 away, stratified over the upper three quarters of the sphere, in random order."""
+def camera_views(count: int, rng: np.random.Generator, lowest: float = _LOWEST) -> list[View]:
+    """Return cameras 3 to 3.5 away in random order, stratified over the sphere from the height `lowest` up."""
     views = []
     for slot in rng.permutation(count):
-        z = -0.5 + 1.5 * (slot + rng.uniform(0.05, 0.95)) / count
+        z = lowest + (1 - lowest) * (slot + rng.uniform(0.05, 0.95)) / count
         azimuth = (slot + rng.uniform(-0.3, 0.3)) * np.pi * (3 - np.sqrt(5)) + 0.7
         ring = np.sqrt(1 - z * z)
         position = rng.uniform(3.0, 3.5) * np.array([ring * np.cos(azimuth), ring * np.sin(azimuth), z])
@@ -69,23 +69,18 @@ def draw_kinds(count: int, shares: dict[str, float], rng: np.random.Generator) -
     return [Kind(list(shares)[slot]) for slot in rng.permutation(slots)]
 
 
-def visible_mesh(
-    studio: Studio, parts: list[Part], rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
+def visible_mesh(studio: Studio, model: Model, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
     """Return the welded mesh (vertices, faces) of the triangles from which some ray reaches the outside."""
-    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
-    vertices = np.concatenate([part.vertices for part in parts])
-    return weld(vertices, faces[visible_faces(vertices, faces, studio.sees_sky, rng)])
+    seen = visible_faces(model.vertices, model.faces, studio.sees_sky, rng)
+    return weld(model.vertices, model.faces[seen])
 
 
 class Writer:
     """Renders photos into a scene folder and collects the frames of its JSON files."""
 
-    def __init__(self, root: Path, settings: Settings):
-        self.root, self.settings = root, settings
-        self.model = make_model(settings.seed)
-        self.studio = Studio(self.model, HEIGHT)
+    def __init__(self, root: Path, settings: Settings, model: Model):
+        self.root, self.settings, self.model = root, settings, model
+        self.studio = Studio(model, HEIGHT)
 
     def expose(self, light: Light, view: View) -> float:
         """Return the factor that makes this view of this light a well exposed photo."""
@@ -157,13 +152,13 @@ def split_lights(settings: Settings, split: str, first_light: int, rng: np.rando
     return [make_light(kind, settings.seed, first_light + k) for k, kind in enumerate(kinds)]
 
 
-def write_split(writer: Writer, split: str, count: int, first_light: int) -> None:
-    """Photograph the training or test split, every photo under a light of its own."""
+def write_split(writer: Writer, split: str, count: int, first_light: int, lowest: float = _LOWEST) -> None:
+    """Photograph the training or test split, every photo under a light of its own, from the height `lowest` up."""
     settings = writer.settings
     rng = np.random.default_rng([settings.seed, first_light])
     lights = split_lights(settings, split, first_light, rng)
     frames: list[dict] = []
-    for index, (view, light) in enumerate(zip(camera_views(count, rng), lights, strict=True)):
+    for index, (view, light) in enumerate(zip(camera_views(count, rng, lowest), lights, strict=True)):
         name = f"{split}/r_{index:03d}"
         jitter = float(np.exp2(rng.uniform(-0.5, 0.5)))
         exposure = writer.expose(light, view) * jitter
@@ -178,10 +173,10 @@ def write_split(writer: Writer, split: str, count: int, first_light: int) -> Non
     writer.write_frames(split, frames)
 
 
-def write_relight(writer: Writer, first_light: int) -> None:
+def write_relight(writer: Writer, first_light: int, lowest: float = _LOWEST) -> None:
     """Photograph the object from the same new views under two more lights, one exposure for each light."""
     settings = writer.settings
-    views = camera_views(_RELIGHT_VIEWS, np.random.default_rng([settings.seed, first_light]))
+    views = camera_views(_RELIGHT_VIEWS, np.random.default_rng([settings.seed, first_light]), lowest)
     frames: list[dict] = []
     for index, kind in enumerate(_RELIGHT_KINDS):
         light = make_light(kind, settings.seed, first_light + index)
@@ -198,18 +193,17 @@ def write_relight(writer: Writer, first_light: int) -> None:
     writer.write_frames("relight", frames)
 
 
-def write_scene(root: Path, settings: Settings) -> None:
-    """Make the whole scene in the folder `root`, which exists."""
-    writer = Writer(root, settings)
+def write_scene(root: Path, settings: Settings, name: str, model: Model) -> None:
+    """Make the whole scene of a model in the folder `root`, which exists."""
+    writer = Writer(root, settings, model)
     write_split(writer, "train", settings.train, first_light=0)
     write_split(writer, "test", settings.test, first_light=1000)
     write_relight(writer, first_light=2000)
-    vertices, faces = visible_mesh(writer.studio, writer.model.parts, np.random.default_rng(settings.seed))
+    vertices, faces = visible_mesh(writer.studio, writer.model, np.random.default_rng(settings.seed))
     write_obj(root / "mesh.obj", vertices, faces)
     record = (
-        {"object": "coffee-pot"}
+        {"object": name}
         | asdict(settings)
         | {"mitsuba": mi.__version__, "variant": mi.variant(), "key": _KEY}
     )
     (root / "generation.json").write_text(json.dumps(record, indent=1) + "\n")
-    shutil.copyfile(Path(__file__).with_name("scene_readme.md"), root / "README.md")

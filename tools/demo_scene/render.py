@@ -15,7 +15,7 @@ import numpy as np
 from lightprobe.render.gltf_bsdf import VARIANT
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, MAX_DEPTH, bitmap, environment_rows, tamed
 
-from .textures import Material, Model, atlas_uv
+from .textures import Model
 
 mi.set_variant(VARIANT)
 
@@ -48,37 +48,23 @@ class Maps:
     normal: np.ndarray  # (S, S, 3) world, unit, towards the camera
 
 
-def textured_mesh(
-    vertices: np.ndarray, normals: np.ndarray, uv: np.ndarray, faces: np.ndarray, material: Material
-) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
-    """Return a mesh with its material, and the textures of base colour and of roughness with metallic.
+def textured_mesh(model: Model) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
+    """Return a model as a shape, and the textures of base colour and of roughness with metallic.
 
     Mitsuba counts v down the rows of a bitmap in memory.
     """
-    mesh = mi.Mesh("object", len(vertices), len(faces), has_vertex_normals=True, has_vertex_texcoords=True)
-    values = mi.traverse(mesh)
-    values["vertex_positions"] = np.float32(vertices).ravel()
-    values["vertex_normals"] = np.float32(normals).ravel()
-    values["vertex_texcoords"] = np.float32(uv).ravel()
-    values["faces"] = np.uint32(faces).ravel()
+    size = {"vertex_count": len(model.vertices), "face_count": len(model.faces)}
+    mesh = mi.Mesh("object", **size, has_vertex_normals=True, has_vertex_texcoords=True)
+    values, material = mi.traverse(mesh), model.material
+    values["vertex_positions"] = np.float32(model.vertices).ravel()
+    values["vertex_normals"] = np.float32(model.normals).ravel()
+    values["vertex_texcoords"] = np.float32(model.uv).ravel()
+    values["faces"] = np.uint32(model.faces).ravel()
     values.update()
     orm = np.stack([np.zeros_like(material.roughness), material.roughness, material.metallic], axis=-1)
     base, rough = mi.load_dict(bitmap(mi, material.base)), mi.load_dict(bitmap(mi, orm))
     mesh.set_bsdf(mi.load_dict({"type": "gltf_metallic_roughness", "base_color": base, "orm": rough}))
     return mesh, base, rough
-
-
-def painted_mesh(model: Model) -> tuple[mi.Mesh, mi.Texture, mi.Texture]:
-    """Return the object, all parts as one mesh, with its material and the textures of this."""
-    parts = model.parts
-    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
-    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
-    vertices, normals = (
-        np.concatenate([getattr(part, name) for part in parts]) for name in ("vertices", "normals")
-    )
-    return textured_mesh(
-        vertices, normals, np.concatenate([atlas_uv(part) for part in parts]), faces, model.material
-    )
 
 
 class Studio:
@@ -88,7 +74,7 @@ class Studio:
         self, model: Model, environment_height: int, others: Mapping[str, dict | mi.Object] | None = None
     ):
         """Set the object up; others: shapes by name that stand around it."""
-        mesh, self._base, self._orm = painted_mesh(model)
+        mesh, self._base, self._orm = textured_mesh(model)
         empty = np.ones((2 * environment_height + 1, 2 * environment_height, 3), np.float32)
         environment = {
             "type": "envmap",

@@ -233,10 +233,13 @@ def canvas(part: Part) -> Canvas:
 
 @dataclass(frozen=True)
 class Model:
-    """An object ready to be photographed: its parts, and the atlas of all."""
+    """A mesh ready to be photographed, with normals and texture coordinates, v down the rows of its atlas (S, S)."""
 
-    parts: list[Part]
-    material: Material  # base colour (1024, 1024, 3), roughness and metallic (1024, 1024)
+    vertices: np.ndarray  # (V, 3)
+    normals: np.ndarray  # (V, 3)
+    uv: np.ndarray  # (V, 2)
+    faces: np.ndarray  # (F, 3)
+    material: Material
 
 
 def make_model(seed: int) -> Model:
@@ -248,4 +251,10 @@ def make_model(seed: int) -> Model:
         tile = np.s_[row : row + rows, column : column + columns]
         painted = _PAINTERS[part.name](canvas(part), seed + 1000 * index)
         base[tile], roughness[tile], metallic[tile] = painted.base, painted.roughness, painted.metallic
-    return Model(parts, Material(np.clip(base, 0, 1), np.clip(roughness, 0.06, 1), np.clip(metallic, 0, 1)))
+    material = Material(np.clip(base, 0, 1), np.clip(roughness, 0.06, 1), np.clip(metallic, 0, 1))
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    faces = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets, strict=False)])
+    vertices, normals = (
+        np.concatenate([getattr(part, name) for part in parts]) for name in ("vertices", "normals")
+    )
+    return Model(vertices, normals, np.concatenate([atlas_uv(part) for part in parts]), faces, material)
