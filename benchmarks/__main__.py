@@ -18,6 +18,7 @@ MEASUREMENTS = {
     "object": "Phase I alone against the true object and lights",
     "paper": "steps and memory of `--preset paper`, and a full run projected",
     "population": "Phase I on two dozen random objects against their truth",
+    "score": "predicted maps of any program against true ones",
     "prepare": "cameras and masks of plain photos against known ones",
     "shoot": "no measurement: makes simulated photo shoots with their truth",
     "service": "the service under load, with hostile requests and killed workers",
