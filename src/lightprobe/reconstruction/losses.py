@@ -22,7 +22,7 @@ LATE_ROUGHNESS_PRIOR = 0.006  # of what is no metal, once that is decided: photo
 BRIGHTNESS_ANCHOR = 0.1  # weight of the squared log of the mean base colour over the one that was chosen
 GREY_WORLD = 0.02  # weight of the pull of the base colour to where the mean light over all photos is grey
 _ALIKE = (0.15, 0.2)  # by how much displayed colour and roughness vary within one metal
-_DARK = 0.33  # of the mean base colour: darker metals cost less, in proportion
+DARK_METAL = 0.33  # of the mean base colour: darker metals cost less, in proportion
 _RAMP = 500  # steps over which nvdiffrec's smoothness comes in
 
 
@@ -111,7 +111,7 @@ def material_prior(material: Tensor, config: DecomposeConfig, *, decided: bool) 
     # Slices would each cost a gradient of the whole.
     red, green, blue, roughness, metallic = material.unbind(1)[:5]
     color = (red + green + blue).detach()
-    price = (color / (_DARK * color.mean()).clamp(min=1e-6)).clamp(max=1)
+    price = (color / (DARK_METAL * color.mean()).clamp(min=1e-6)).clamp(max=1)
     early, late = (ROUGHNESS_PRIOR, LATE_ROUGHNESS_PRIOR) if config.priors else (0.0, 0.0)
     unusual = (roughness - USUAL_ROUGHNESS).square()
     if decided:

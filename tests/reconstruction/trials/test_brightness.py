@@ -22,7 +22,7 @@ from lightprobe.reconstruction.trials.brightness import (
     best_rescaled,
     choose_brightness,
 )
-from lightprobe.reconstruction.trials.plausibility import light_level
+from lightprobe.reconstruction.trials.plausibility import MetalReflectance, light_level
 from lightprobe.reconstruction.trials.schedule import CHOICES, metals_tried, trials_at
 from lightprobe.reconstruction.trials.trial import Sample, Trial, TrialPhotos
 from lightprobe.render.split_sum import shade
@@ -133,6 +133,21 @@ def test_a_brightness_whose_lights_are_too_unlikely_is_not_defended(monkeypatch,
     assert float(anew[0].material.mean_color) == pytest.approx(0.08 if changed else 0.2)  # the usual one
 
 
+def test_metals_count_once_it_is_known_what_is_metal(monkeypatch):
+    def metals(trial):
+        return MetalReflectance(0.5, 5 * abs(math.log(float(trial.material.mean_color) / 0.08)))
+
+    monkeypatch.setattr(Trial, "disagreements", lambda trial: torch.ones(4, 2, dtype=torch.float64))
+    monkeypatch.setattr(Trial, "metals", metals)
+    samples, lights = photos(0.25, 1)
+    best = best_rescaled(TrialPhotos(samples, lights, 0), material_of(0.32), settled=True)
+    assert best is not None
+    assert float(best[0].material.mean_color) == pytest.approx(0.08)
+    anew = best_new(TrialPhotos(samples, lights, 0), material_of(0.32))
+    assert anew is not None
+    assert float(anew[0].material.mean_color) == pytest.approx(0.2)  # the usual one
+
+
 @pytest.mark.parametrize(
     ("disagreements", "nlls", "best"),
     [
@@ -149,7 +164,25 @@ def test_disagreement_lights_and_what_is_usual_decide_together(disagreements, nl
     spread = 1 + 0.1 * torch.linspace(-1, 1, 8, dtype=torch.float64)[:, None]
     found = [0.03 * value * spread.expand(8, 2) for value in disagreements]
     scores = [brightness._score(errors) for errors in found]
-    assert brightness._most_probable(found, scores, nlls, STARTS) == best
+    none = [MetalReflectance(0.0, 0.0)] * len(STARTS)
+    assert brightness._most_probable(found, scores, nlls, none, STARTS) == best
+
+
+@pytest.mark.parametrize(
+    ("disagreements", "metals", "share", "best"),
+    [
+        ([1.0, 1.0, 1.0, 1.0], [0.1, 3.6, 4.0, 4.5], 0.3, 0),  # nothing else tells how bright steel is
+        ([1.0, 1.0, 1.0, 1.0], [1.1, 0.6, 3.6, 4.2], 0.6, 1),
+        ([1.0, 1.0, 1.0, 1.0], [0.3, 0.3, 0.3, 0.3], 1.0, 0),  # what is usual is so of what is no metal
+        ([1.9, 1.3, 1.0, 1.15], [0.1, 0.2, 3.6, 4.2], 0.3, 2),  # a lacquered metal whose parts tell
+    ],
+)
+def test_metals_tell_their_brightness_unless_parts_disagree(disagreements, metals, share, best):
+    spread = 1 + 0.1 * torch.linspace(-1, 1, 8, dtype=torch.float64)[:, None]
+    found = [0.03 * value * spread.expand(8, 2) for value in disagreements]
+    scores = [brightness._score(errors) for errors in found]
+    of_trials = [MetalReflectance(share, nll) for nll in metals]
+    assert brightness._most_probable(found, scores, [0.0] * 4, of_trials, STARTS) == best
 
 
 def test_the_disagreement_of_photos_that_both_judge_counts_by_its_uncertainty():

@@ -14,6 +14,7 @@ from lightprobe.light.resize import rotate_light
 from lightprobe.reconstruction.lights import solve_target_light
 from lightprobe.reconstruction.trials.plausibility import (
     BackgroundLevel,
+    MetalReflectance,
     ViewLightCorrelation,
     background_level,
     light_level,
@@ -151,3 +152,53 @@ def test_photos_that_show_nothing_do_not_count():
     assert BackgroundLevel.of(lights, [0.0] * 7 + [None] * 2) is None
     found, alike = BackgroundLevel.of(lights, [0.0] * 8 + [None]), BackgroundLevel.of(lights[:8], [0.0] * 8)
     assert found == alike
+
+
+STEEL, GOLD, ALUMINIUM, BLUE = (0.56, 0.57, 0.58), (1.0, 0.71, 0.29), (0.91, 0.92, 0.92), (0.04, 0.06, 0.2)
+PAINT = (0.1, 0.02, 0.02)
+
+
+def metals_nll(*shares):
+    base, metallic = points(*shares)
+    return MetalReflectance.of(base, metallic).nll
+
+
+def points(*shares):
+    """Return base colours and metallic of 1000 points: (share, colour, metallic) each."""
+    counts = [round(1000 * share) for share, _, _ in shares]
+    base = torch.cat(
+        [torch.tensor([color]).expand(n, 3) for n, (_, color, _) in zip(counts, shares, strict=True)]
+    )
+    return base, torch.cat([torch.full((n,), metal) for n, (_, _, metal) in zip(counts, shares, strict=True)])
+
+
+@pytest.mark.parametrize("metal", [STEEL, GOLD, ALUMINIUM])
+def test_metals_at_a_third_of_their_reflectance_are_unlikely(metal):
+    base, metallic = points((0.3, metal, 0.9), (0.7, PAINT, 0.0))
+    right, dark = (MetalReflectance.of(color, metallic) for color in (base, base / 3))
+    assert right.share == dark.share == pytest.approx(0.3)
+    assert right.nll < 1
+    assert dark.nll > right.nll + 1.5
+
+
+def test_the_brighter_of_two_metals_counts():
+    both = metals_nll((0.2, BLUE, 1.0), (0.1, STEEL, 1.0), (0.7, PAINT, 0.0))
+    assert both == pytest.approx(metals_nll((1.0, STEEL, 1.0)), abs=0.01)
+
+
+def test_lacquered_metals_of_any_brightness_are_possible():
+    blue, black = (metals_nll((1.0, color, 1.0)) for color in (BLUE, (0.01, 0.01, 0.01)))
+    assert 2 < blue < 5
+    assert black < 10
+
+
+def test_what_is_far_darker_than_the_rest_is_no_metal():
+    leather = (0.02, 0.015, 0.01)
+    assert metals_nll((0.5, leather, 1.0), (0.5, STEEL, 0.0)) == 0
+    gilt = metals_nll((0.06, GOLD, 1.0), (0.94, leather, 1.0))
+    assert gilt == pytest.approx(metals_nll((1.0, GOLD, 1.0)), abs=0.01)
+
+
+def test_paint_with_specks_of_metal_says_nothing():
+    assert metals_nll((0.03, BLUE, 1.0), (0.97, PAINT, 0.0)) == 0
+    assert metals_nll((1.0, BLUE, 0.4)) == 0

@@ -26,6 +26,7 @@ from lightprobe.reconstruction.lights import Lights, solve_target_light
 from lightprobe.reconstruction.material_field import ScaledMaterial
 from lightprobe.reconstruction.photos import Target
 from lightprobe.reconstruction.trials.evidence import Bar, standard_error
+from lightprobe.reconstruction.trials.plausibility import NO_METAL, MetalReflectance
 from lightprobe.reconstruction.trials.schedule import refit_steps
 from lightprobe.reconstruction.trials.trial import Trial, TrialPhotos
 from lightprobe.render.gbuffer import GBuffer
@@ -96,7 +97,7 @@ def best_new(photos: TrialPhotos, material: ScaledMaterial) -> tuple[Trial, floa
     """
     config, device, mean = material.config, photos.lights.maps[0].device, float(material.mean_color)
     materials = [(start, ScaledMaterial(start, config, device, photos.seed)) for start in STARTS]
-    return _best(photos, mean, materials, config.trial_steps)
+    return _best(photos, mean, materials, config.trial_steps, metals_known=False)
 
 
 def best_rescaled(
@@ -111,7 +112,7 @@ def best_rescaled(
     factors = [factor for factor in FACTORS if factor == 1 or DARKEST <= mean * factor <= BRIGHTEST]
     materials = [(mean * factor, material.rescaled(factor)) for factor in factors]
     present = factors.index(1.0) if settled else None
-    return _best(photos, mean, materials, refit_steps(material.config), present)
+    return _best(photos, mean, materials, refit_steps(material.config), present, metals_known=True)
 
 
 def _best(
@@ -120,11 +121,14 @@ def _best(
     materials: Sequence[tuple[float, ScaledMaterial]],
     steps: int,
     present: int | None = None,
+    *,
+    metals_known: bool,
 ) -> tuple[Trial, float] | None:
     """Return the trial of the most probable of the `materials` and the best factor on its base colours.
 
     None where that makes it about as bright as the mean base colour `mean`, or where it is not clearly better
     than the material number `present`. materials: each with its mean linear base colour.
+    metals_known: whether trials have decided what is metal, so that metals tell their brightness.
     """
     if not photos.samples:
         return None
@@ -132,11 +136,12 @@ def _best(
     trials = [Trial(made, photos, steps, start / mean) for start, made in materials]
     found = [trial.disagreements() for trial in trials]
     nlls = [trial.lights_nll() for trial in trials]
+    metals = [trial.metals() if metals_known else NO_METAL for trial in trials]
     scores = [_score(errors) for errors in found]
-    best = _most_probable(found, scores, nlls, starts)
+    best = _most_probable(found, scores, nlls, metals, starts)
     if (
         present is not None
-        and nlls[present] - nlls[best] <= _UNLIKELY
+        and nlls[present] + metals[present].nll - nlls[best] - metals[best].nll <= _UNLIKELY
         and not _BAR.cleared_by(_gains(found[best], found[present]))
     ):
         return None
@@ -151,21 +156,26 @@ def _score(errors: Tensor) -> float:
 
 
 def _most_probable(
-    found: Sequence[Tensor], scores: Sequence[float], nlls: Sequence[float], starts: Sequence[float]
+    found: Sequence[Tensor],
+    scores: Sequence[float],
+    nlls: Sequence[float],
+    metals: Sequence[MetalReflectance],
+    starts: Sequence[float],
 ) -> int:
-    """Return which trial is most probable: the one with the least sum of three -ln probabilities.
+    """Return which trial is most probable: the one with the least sum of four -ln probabilities.
 
     found: the disagreement (J, SPLITS) of each trial, scores: its `_score`; nlls: of its lights, which count
-    where they exceed the least by more than `_UNLIKELY`; starts: its mean base colour, whose logarithm is
-    normally distributed over objects (docs/decisions/brightness-in-doubt.md).
+    where they exceed the least by more than `_UNLIKELY`; metals: its metals; starts: its mean base colour, whose
+    logarithm is normally distributed over objects, but for metals (docs/decisions/brightness-in-doubt.md).
     """
     least = found[min(range(len(scores)), key=scores.__getitem__)]
     excess = [nll - min(nlls) for nll in nlls]
     costs = [
         _disagreement_nll(errors, least)
         + (more if more > _UNLIKELY else 0.0)
-        + 0.5 * (math.log(start / _USUAL) / _SPREAD) ** 2
-        for errors, more, start in zip(found, excess, starts, strict=True)
+        + metal.nll
+        + (1 - metal.share) * 0.5 * (math.log(start / _USUAL) / _SPREAD) ** 2
+        for errors, more, metal, start in zip(found, excess, metals, starts, strict=True)
     ]
     return min(range(len(costs)), key=costs.__getitem__)
 

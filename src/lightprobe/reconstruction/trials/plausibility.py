@@ -1,5 +1,5 @@
-"""How plausible the lights of many photos are, as evidence on the light/albedo scale that no single photo
-gives.
+"""How plausible the lights of many photos and the object's metals are, as evidence on the light/albedo scale that no
+single photo gives.
 
 **View-light correlation.** The light around an object and the place that it is photographed from have nothing
 to do with each other, so that over many photos no more light comes from the camera's side than from behind
@@ -19,10 +19,17 @@ for that. The level of a light, or of pixels, is the mean logarithm of its luma,
 luma itself would be that of the sun, which is hardly ever in the picture, and whose brightness the photo's
 white would hide.
 
+**Reflectance of metals.** A metal's base colour is what it reflects, and clean metals reflect half of the light or more:
+tungsten and titanium .5, iron .56, copper .7, aluminium .9. Where all reflections take the surface's colour, as on a
+polished pot, nothing else tells the scale. Tarnish and a second metal are darker, so that the brighter of an object's metals
+count; lacquered metal can have any colour. What is taken for a metal much darker than the rest reflects less than any
+dielectric, as soot and leather do (`losses.material_prior`), and tells nothing.
+
 Notation: N photos, R of a light's edge, T texels; nll: negative logarithm of a probability, 0 is the most
 probable.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,6 +39,7 @@ from torch import Tensor
 from lightprobe.light import cubemap
 from lightprobe.light.photometry import luma
 from lightprobe.light.resize import rotate_light
+from lightprobe.reconstruction.losses import DARK_METAL
 from lightprobe.scene.background import Background
 
 _FEWEST = 8  # photos that say anything
@@ -43,6 +51,11 @@ _RINGS = 16  # of elevation, whose means are taken out
 _LEAST_SHOWN = 0.05  # of a photo, that must lie around the object
 _USUAL = 0.5  # a light's level over its background's; docs/decisions/surroundings.md
 _LEVEL_SPREAD = 0.5  # standard deviation of this between places, which all photos of an object may share
+_METAL = 0.65, 0.25  # luma of what clean metals reflect, and the standard deviation of its logarithm
+_LACQUERED, _LACQUERED_SHARE = (0.2, 1.0), 0.1  # of coloured or dirty ones; how many of metals they are
+_DARKEST = 0.01  # luma, below which all are alike
+_BRIGHTER = 0.9  # quantile of an object's metallic points that counts
+_FEWEST_METAL = 0.05  # share of points that must be metallic: a few are soon taken for what they are not
 
 
 @dataclass(frozen=True)
@@ -138,6 +151,38 @@ class BackgroundLevel:
         pairs = zip(lights, backgrounds, strict=True)
         found = [light_level(light) - level for light, level in pairs if level is not None]
         return BackgroundLevel(sum(found) / len(found) - _USUAL) if len(found) >= _FEWEST else None
+
+
+@dataclass(frozen=True)
+class MetalReflectance:
+    """How much of an object is metal, and how bright its metals are."""
+
+    share: float  # of points of the surface
+    nll: float  # how improbable what they reflect is, in -ln probability; 0 for an object with hardly any metal
+
+    @staticmethod
+    @torch.no_grad()
+    def of(base_color: Tensor, metallic: Tensor) -> "MetalReflectance":
+        """Return that of points of a surface: base_color (N, 3) linear, metallic (N,)."""
+        level = luma(base_color)
+        metal = level[(metallic > 0.5) & (level > DARK_METAL * level.mean())]
+        share = len(metal) / max(len(level), 1)
+        if share < _FEWEST_METAL:
+            return MetalReflectance(share, 0.0)
+        found = math.log(float(metal.quantile(_BRIGHTER).clamp(min=_DARKEST)))
+        return MetalReflectance(share, math.log(_of_metals(math.log(_METAL[0])) / _of_metals(found)))
+
+
+NO_METAL = MetalReflectance(0.0, 0.0)
+
+
+def _of_metals(value: float) -> float:
+    """Return the density of the logarithm of a metal's luma at `value`: of clean ones and of lacquered ones."""
+    clean, lacquered = (
+        math.exp(-0.5 * ((value - math.log(median)) / spread) ** 2) / spread
+        for median, spread in (_METAL, _LACQUERED)
+    )
+    return (1 - _LACQUERED_SHARE) * clean + _LACQUERED_SHARE * lacquered
 
 
 def light_level(light: Tensor) -> float:

@@ -15,7 +15,11 @@ from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMateri
 from lightprobe.reconstruction.photos import Target, evenly_spaced
 from lightprobe.reconstruction.surface_model import SurfaceModel
 from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
-from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
+from lightprobe.reconstruction.trials.plausibility import (
+    BackgroundLevel,
+    MetalReflectance,
+    ViewLightCorrelation,
+)
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import shade_under
 from lightprobe.scene.camera import mean_up
@@ -167,3 +171,9 @@ class Trial:
         correlation = ViewLightCorrelation.of(lights, towards, up)
         background = BackgroundLevel.of(lights, [sample.background_level for sample in self.samples])
         return sum(evidence.nll for evidence in (correlation, background) if evidence is not None)
+
+    @torch.no_grad()
+    def metals(self) -> MetalReflectance:
+        """Return how much of what the samples show is metal, and how plausible its colours are."""
+        material = self.material(torch.cat([sample.pixels.position for sample in self.samples]))
+        return MetalReflectance.of(material[:, :3], material[:, 4])
