@@ -11,7 +11,10 @@ import mitsuba as mi
 import numpy as np
 
 from demo_scene.lights import directions
+from lightprobe.render.gltf_bsdf import VARIANT
 from lightprobe.render.path_tracer import ENVIRONMENT_AXES, environment_rows
+
+mi.set_variant(VARIANT)
 
 _DEPTH = 6  # up to five scattering events
 _SURE = 3  # of these no path is ended by chance, which takes two fifths off the time
