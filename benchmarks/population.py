@@ -49,6 +49,7 @@ COLUMNS: dict[str, tuple[str, Callable[[float], float]]] = {
     "base_color_psnr_scaled": (".1f", lambda value: -value),
     "base_color_ratio": (".2f", lambda value: abs(math.log(value))),
     "normal_degrees": (".1f", float),
+    "relight_psnr": (".1f", lambda value: -value),
     "relight_psnr_scaled": (".1f", lambda value: -value),
     "over_true": (".2f", float),
     "over_grey": (".2f", float),
@@ -65,7 +66,7 @@ class Sizes:
     test: int = 8
     side: int = 160  # of a studio's photos
     samples: int = (
-        96  # of their pixels; a quarter of it for photos of tables, which show all around the object
+        96  # of their pixels; a quarter of it on tables, where all around the object is traced, too
     )
     places: int = 5
     width: int = 256  # of photos on tables
@@ -155,14 +156,14 @@ def table(rows: dict[str, dict[str, float]]) -> str:
     lines = ["| object | " + " | ".join(COLUMNS) + " |", "| --- |" + " ---: |" * len(COLUMNS)]
     for name, row in rows.items():
         lines.append(f"| {name} | " + " | ".join(format(row[c], f) for c, (f, _) in COLUMNS.items()) + " |")
-    for label, take in (
-        ("median", lambda values: values),
-        ("mean of the worst three", lambda values: values[-3:]),
+    for label, of in (
+        ("median", np.median),
+        ("mean of the worst three", lambda values: np.mean(values[-3:])),
     ):
         cells = []
         for column, (form, worse) in COLUMNS.items():
             values = sorted((row[column] for row in rows.values()), key=worse)
-            cells.append(format(float((np.median if label == "median" else np.mean)(take(values))), form))
+            cells.append(format(float(of(values)), form))
         lines.append(f"| {label} | " + " | ".join(cells) + " |")
     return "\n".join(lines)
 

@@ -49,7 +49,12 @@ class TruePhoto:
 
 def true_photos(scene: Path) -> list[TruePhoto]:
     """Return the test photos of a scene that have a true light; raise `InputError` for a scene without any."""
-    found = list(_of_shoot(scene) if (scene / "shoot.json").is_file() else _of_transforms(scene))
+    try:
+        found = list(_of_shoot(scene) if (scene / "shoot.json").is_file() else _of_transforms(scene))
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{scene} is no scene whose test photos have cameras and true lights: {error}."
+        ) from error
     if not found:
         raise InputError(f"{scene} names no true light of a test photo (env_path in transforms_test.json).")
     return found
@@ -101,9 +106,7 @@ def brought_to(radiance: np.ndarray, rows: int) -> np.ndarray:
 
 def log_errors(mine: np.ndarray, true: np.ndarray) -> tuple[float, float]:
     """Return the errors of ln radiance of maps (H, 2H, 3), raw and after one factor."""
-    mine, true = (
-        resized(m, _LOG_ROWS) if len(m) >= _LOG_ROWS else sampled(m, _LOG_ROWS) for m in (mine, true)
-    )
+    mine, true = (brought_to(m, _LOG_ROWS) for m in (mine, true))
     share = np.broadcast_to(solid_angles(_LOG_ROWS), true.shape[:2])[..., None] / 3
     share = share / (3 * share.sum())
     floor = _FLOOR * float((share * true).sum())

@@ -91,6 +91,9 @@ def test_files_that_cannot_be_scored_are_named(scene, tmp_path, capsys):
     (scene[0] / "transforms_test.json").write_text('{"frames": []}')
     assert main(["score", str(scene[0]), str(scene[1])]) == 2
     assert "names no true light" in capsys.readouterr().err
+    (scene[0] / "transforms_test.json").write_text('{"frames": [{"env_path": "./env_0.exr"}]}')
+    assert main(["score", str(scene[0]), str(scene[1])]) == 2
+    assert "is no scene whose test photos" in capsys.readouterr().err
 
 
 def test_a_shoots_light_is_multiplied_by_the_photos_gain(tmp_path):
