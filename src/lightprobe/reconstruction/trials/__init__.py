@@ -34,6 +34,7 @@ wrong surface only too well.
 - A brightness concerns all pixels alike, and where all reflections take the surface's colour halves agree at
   any brightness. So several kinds of evidence are added, as negative logarithms of probability ("nll"): how
   much more halves disagree than under the brightness with the least disagreement, how plausible the lights
-  are (`plausibility`), and how usual the base colour is. The least sum wins. A material that is nearly
+  are, in the second trial how bright the metals (`plausibility`), and how usual the base colour is. The least sum
+  wins. A material that is nearly
   finished is left only for one that is better by more than the bar, too, or has far more plausible lights.
 """
