@@ -9,9 +9,7 @@ from benchmarks import population
 from benchmarks.__main__ import main
 from benchmarks.shoot import models, objects
 from lightprobe.core.config import DecomposeConfig
-from lightprobe.core.errors import ConfigError
 from lightprobe.evaluation.oracle import can_be_oracle
-from lightprobe.render.path_tracer import check_path_tracer
 from lightprobe.scene import load_scene
 
 TINY = population.Sizes(photos=6, test=2, side=64, samples=8, places=2, width=96)
@@ -23,14 +21,6 @@ def scores(**changes: float) -> dict:
     found = {name: 0.0 for name in population.COLUMNS if not name.startswith("over_")}
     grey = {name: 4 * value for name, value in spheres.items()}
     return found | {"base_color_ratio": 1.0} | spheres | {"true": spheres, "grey": grey} | changes
-
-
-@pytest.fixture(scope="module")
-def path_tracer():
-    try:
-        check_path_tracer()
-    except ConfigError as error:
-        pytest.skip(str(error))
 
 
 def test_objects_differ_in_size_of_their_palette():

@@ -18,8 +18,6 @@ from benchmarks.shoot.telephone import Telephone
 from demo_scene.files import read_exr, read_obj, read_png, srgb_decode
 from demo_scene.lights import directions, reduce_area
 from demo_scene.textures import Material
-from lightprobe.core.errors import ConfigError
-from lightprobe.render.path_tracer import check_path_tracer
 from lightprobe.scene import load_scene
 
 ROOT = Path(__file__).parents[2]
@@ -32,14 +30,6 @@ SOLIDS = {  # with their volumes
     "cylinder": (shapes.turned((0, 0), (0.8, 0), (0.8, 0.5), (0, 0.5)), np.pi * 0.32),
     "tube": (shapes.tube(CURVE, 0.1, segments=32), np.pi * 0.01 * np.hypot(3, 1)),
 }
-
-
-@pytest.fixture(scope="module")
-def path_tracer():
-    try:
-        check_path_tracer()
-    except ConfigError as error:
-        pytest.skip(str(error))
 
 
 def run(*words: object) -> subprocess.CompletedProcess:
