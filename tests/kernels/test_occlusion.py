@@ -4,7 +4,7 @@ import pytest
 import torch
 from torch.autograd import gradcheck
 
-from lightprobe.kernels import occluded_light, occluded_light_adjoint
+from lightprobe.kernels import occluded_light, occlusion_weights
 from lightprobe.kernels.reference import occlusion as reference
 from lightprobe.light import cubemap
 from tests.threads import assert_same_bits
@@ -61,26 +61,28 @@ def test_open_sky_is_irradiance_over_pi():
     torch.testing.assert_close(out[:, 6], torch.ones(50).double())
 
 
-@pytest.mark.parametrize("resolution", [3, 8])
-def test_adjoint_is_the_transpose(backend, resolution):
-    pixels = backend.size(300, 40)
+@pytest.mark.parametrize(("resolution", "pixels"), [(3, 300), (8, 300), (8, 1)])
+def test_weights_are_the_light_written_out(backend, resolution, pixels):
+    pixels = backend.size(pixels, min(pixels, 40))
     case = backend.move(*problem(pixels, resolution=resolution))
-    arriving, light = backend.move(torch.randn(pixels, 6), torch.randn(6 * resolution**2, 3))
-    forward = occluded_light(light, *case[1:])[:, :6]
-    back = occluded_light_adjoint(arriving, *case[1:])
-    torch.testing.assert_close((forward * arriving).sum(), (back * light).sum(), rtol=1e-4, atol=1e-3)
+    light = torch.randn(6 * resolution**2, 3, device=backend.device)
+    expected = occluded_light(light, *case[1:])
+    diffuse, ambient = occlusion_weights(*case[1:])
+    torch.testing.assert_close(diffuse @ light, expected[:, :3], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(ambient @ light, expected[:, 3:6], rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(diffuse.sum(1), expected[:, 6], rtol=1e-4, atol=1e-5)
 
 
 def test_the_reference_slabs_change_nothing(monkeypatch):
     case = problem(40, dtype=torch.float64)
-    whole = reference.occluded_light(*case)
+    whole = reference.occluded_light(*case), occlusion_weights(*case[1:])
     monkeypatch.setattr(reference, "PAIRS_AT_ONCE", 1000)
-    torch.testing.assert_close(reference.occluded_light(*case), whole)
+    torch.testing.assert_close((reference.occluded_light(*case), occlusion_weights(*case[1:])), whole)
 
 
 def test_bits_do_not_depend_on_threads():
     case, grad = problem(3000), torch.randn(3000, 7)
-    assert_same_bits(lambda: value_and_gradients(case, grad))
+    assert_same_bits(lambda: (*value_and_gradients(case, grad), occlusion_weights(*case[1:])))
 
 
 def test_refuses_what_cannot_be():
@@ -89,3 +91,5 @@ def test_refuses_what_cannot_be():
         occluded_light(light, normals, unoccluded.float(), index, *rest)
     with pytest.raises(IndexError, match="index"):
         occluded_light(light, normals, unoccluded, index + 50, *rest)
+    with pytest.raises(IndexError, match="index"):
+        occlusion_weights(normals, unoccluded, index + 50, *rest)

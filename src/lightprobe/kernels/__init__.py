@@ -5,7 +5,7 @@ from lightprobe.kernels.culled_stacking import stack_probes_culled
 from lightprobe.kernels.gather import gather_rows, scatter_rows, values_at, weighted_gather, weighted_scatter
 from lightprobe.kernels.hash_grid import hash_encode
 from lightprobe.kernels.lobe_rows import lobe_rows
-from lightprobe.kernels.occlusion import occluded_light, occluded_light_adjoint
+from lightprobe.kernels.occlusion import occluded_light, occlusion_weights
 from lightprobe.kernels.rasterize import Visibility, rasterize
 from lightprobe.kernels.sparse import CompressedRows, permute_rows, sparse_product, sparse_product_transposed
 from lightprobe.kernels.stacking import probe_weight, stack_probes
@@ -19,7 +19,7 @@ __all__ = [
     "hash_encode",
     "lobe_rows",
     "occluded_light",
-    "occluded_light_adjoint",
+    "occlusion_weights",
     "permute_rows",
     "probe_weight",
     "rasterize",

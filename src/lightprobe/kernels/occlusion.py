@@ -6,7 +6,8 @@
 
     diffuse_p = sum_k c v L / sum_k c      ambient_p = sum_k dw v L / sum_k dw v      open_p = sum_k c v / sum_k c
 
-With nothing in the way diffuse is irradiance / pi, and open is 1. The P x K matrices are never stored.
+With nothing in the way diffuse is irradiance / pi, and open is 1. For one light the P x K matrices are not stored; for
+many, `occlusion_weights` makes them.
 """
 
 from typing import Any
@@ -32,8 +33,31 @@ def occluded_light(
     the reference); unoccluded (V, K) uint8; index (P, C) int32 or int64 in [0, V). Sums have a fixed order.
     Raises ValueError on wrong shapes or dtypes and IndexError on an index outside the rows.
     """
+    dispatch.require_shape("light", light, directions.shape[0], 3)
+    _require(normals, unoccluded, index, weight, directions, angles)
+    return _OccludedLight.apply(light, normals, unoccluded, index, weight.detach(), directions, angles)
+
+
+def occlusion_weights(
+    normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+) -> Tensor:
+    """Return what a light is multiplied by in `occluded_light`, (2, P, K): of diffuse, and of ambient.
+
+    Rows of the first sum to open, of the second to 1, or to 0 where nothing is open. Arguments and errors as there; not
+    differentiable.
+    """
+    _require(normals, unoccluded, index, weight, directions, angles)
+    out = normals.new_empty(2, normals.shape[0], directions.shape[0])
+    case = normals.detach(), unoccluded, index, weight.detach(), directions, angles
+    dispatch.choose("occlusion", *case).weights(out, *case)
+    return out
+
+
+def _require(
+    normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
+) -> None:
+    """Raise what `occluded_light` raises."""
     count = directions.shape[0]
-    dispatch.require_shape("light", light, count, 3)
     dispatch.require_shape("normals", normals, weight.shape[0], 3)
     dispatch.require_shape("unoccluded", unoccluded, None, count)
     dispatch.require_shape("index", index, *weight.shape)
@@ -42,20 +66,6 @@ def occluded_light(
     dispatch.require_index("index", index, unoccluded.shape[0])
     if unoccluded.dtype != torch.uint8:
         raise ValueError(f"unoccluded must be uint8, not {unoccluded.dtype}.")
-    return _OccludedLight.apply(light, normals, unoccluded, index, weight.detach(), directions, angles)
-
-
-def occluded_light_adjoint(
-    arriving: Tensor, normals: Tensor, unoccluded: Tensor, index: Tensor, *rest: Tensor
-) -> Tensor:
-    """Return the transpose of `occluded_light` in its light, (K, 3), on diffuse and ambient parts (P, 6).
-
-    Further arguments and errors as in `occluded_light`; not differentiable.
-    """
-    dispatch.require_shape("arriving", arriving, normals.shape[0], 6)
-    dispatch.require_index("index", index, unoccluded.shape[0])
-    case = (torch.nn.functional.pad(arriving, (0, 1)), normals, unoccluded, index, *rest)
-    return dispatch.choose("occlusion", *case).light_gradient(*case)
 
 
 class _OccludedLight(torch.autograd.Function):

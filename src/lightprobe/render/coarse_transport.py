@@ -18,7 +18,6 @@ from lightprobe.light import prefilter as prefilters
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import occlude, reflectance, specular_taps
-from lightprobe.render.visibility import PointVisibility
 
 TEXELS = 6 * BLOCKS**2
 
@@ -43,8 +42,8 @@ class CoarseTransport:
             wide = weighted_gather(lobes, *operator.diffuse_taps(gbuffer.normal))
             parts = [(r.specular, sharp), (r.diffuse, wide)]
         else:
-            diffuse, ambient, opened = _open_averages(gbuffer.visibility, gbuffer.normal)
-            lobe, bounce = occlude(gbuffer, r, opened)
+            diffuse, ambient = gbuffer.visibility.weights(gbuffer.normal)
+            lobe, bounce = occlude(gbuffer, r, diffuse.sum(1))
             parts = [(lobe * r.specular, sharp), (r.diffuse, _pooled(diffuse, side))]
             parts.append((bounce, _pooled(ambient, side)))
         matrix = torch.zeros(3, *sharp.shape, device=sharp.device)
@@ -91,18 +90,3 @@ def _pooled(weights: Tensor, side: int) -> Tensor:
     block = BLOCKS // side
     means = torch.nn.functional.avg_pool2d(weights.reshape(-1, 1, BLOCKS, BLOCKS), block)
     return (means * block**2).reshape(len(weights), -1)
-
-
-def _open_averages(visibility: PointVisibility, normal: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-    """Return the weights (P, 384) of `kernels.occluded_light`'s diffuse and ambient light, and open (P,)."""
-    directions = cubemap.directions(BLOCKS, normal.device).reshape(-1, 3)
-    angle = cubemap.solid_angles(BLOCKS, normal.device).reshape(-1)
-    seen = torch.zeros(len(normal), TEXELS, device=normal.device)
-    for corner in range(visibility.index.shape[1]):
-        rows = visibility.vertices.unoccluded.index_select(0, visibility.index[:, corner].long())
-        seen.addcmul_(visibility.weight[:, corner, None] / 255, rows.to(seen.dtype))
-    cosine = (normal @ directions.T).clamp(min=0) * angle
-    total = cosine.sum(1, keepdim=True).clamp(min=1e-12)
-    diffuse = seen * cosine / total
-    ambient = seen * angle
-    return diffuse, ambient / ambient.sum(1, keepdim=True).clamp(min=1e-12), diffuse.sum(1)

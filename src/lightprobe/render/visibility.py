@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from lightprobe.geometry.mesh import vertex_normals
-from lightprobe.kernels import occluded_light, occluded_light_adjoint, values_at, weighted_gather
+from lightprobe.kernels import occluded_light, occlusion_weights, values_at, weighted_gather
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.depth_maps import DepthMaps, frames
@@ -69,11 +69,10 @@ class PointVisibility:
         points = normal, self.vertices.unoccluded, self.index, self.weight
         return occluded_light(blocks, *points, *_sphere(blocks.device, blocks.dtype))
 
-    def adjoint(self, diffuse: Tensor, ambient: Tensor, normal: Tensor) -> Tensor:
-        """Return the transpose of `light`'s first six columns, (384, 3), on (P, 3) each; no gradient."""
+    def weights(self, normal: Tensor) -> Tensor:
+        """Return `kernels.occlusion_weights` (2, P, 384): `light`'s first six columns as matrices; no gradient."""
         points = normal, self.vertices.unoccluded, self.index, self.weight
-        arriving = torch.cat([diffuse, ambient], 1)
-        return occluded_light_adjoint(arriving, *points, *_sphere(diffuse.device, diffuse.dtype))
+        return occlusion_weights(*points, *_sphere(normal.device, normal.dtype))
 
     def share(self, normal: Tensor) -> Tensor:
         """Return the open share (P,) of the hemisphere around `normal` (P, 3), weighted by the cosine."""

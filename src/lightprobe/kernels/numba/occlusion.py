@@ -52,6 +52,14 @@ def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *
     return result
 
 
+def weights(out: Tensor, normals: Tensor, *rest: Tensor) -> None:
+    """Fill `out` (2, P, K) with the weights of diffuse and ambient."""
+    unoccluded, index, weight, directions, angles = rest
+    (sphere,) = arrays(torch.cat([directions.T, angles[None]]))
+    threads(2 * normals.shape[0] * directions.shape[0])
+    _weights(*arrays(normals, index, weight / 255), unoccluded.contiguous().numpy(), sphere, out.numpy())
+
+
 def _sphere(light: Tensor, directions: Tensor, angles: Tensor) -> Tensor:
     """Return (7, K): x, y, z, solid angle, red, green, blue."""
     return torch.cat([directions.T, angles[None], light.T])
@@ -126,6 +134,31 @@ def _spread(nx, ny, nz, row, sphere, grad, part):
         for k in range(row.size):
             cosine = max(nx * x[k] + ny * y[k] + nz * z[k], ZERO)
             out[k] += row[k] * angle[k] * (cosine * diffuse + ambient)
+
+
+@compiled(parallel=True, fastmath=FUSED)
+def _weights(normals, index, weight, unoccluded, sphere, out):
+    for block in prange((normals.shape[0] + BLOCK - 1) // BLOCK):
+        row = np.empty(sphere.shape[1], np.float32)
+        for p in range(block * BLOCK, min(normals.shape[0], (block + 1) * BLOCK)):
+            _gather(unoccluded, index, weight, p, row)
+            _averages(normals[p, 0], normals[p, 1], normals[p, 2], row, sphere, out[0, p], out[1, p])
+
+
+@compiled(fastmath=FUSED)
+def _averages(nx, ny, nz, row, sphere, diffuse, ambient):
+    x, y, z, angle = sphere[0], sphere[1], sphere[2], sphere[3]
+    total, around = ZERO, ZERO
+    for k in range(row.size):
+        cosine = max(nx * x[k] + ny * y[k] + nz * z[k], ZERO) * angle[k]
+        seen = row[k] * angle[k]
+        total += cosine
+        around += seen
+        diffuse[k], ambient[k] = row[k] * cosine, seen
+    total, around = 1 / max(total, TINY), 1 / max(around, TINY)
+    for k in range(row.size):
+        diffuse[k] *= total
+        ambient[k] *= around
 
 
 @compiled(parallel=True, fastmath=FUSED)

@@ -41,6 +41,12 @@ def normal_gradient(grad: Tensor, out: Tensor, light: Tensor, normals: Tensor, *
     return result
 
 
+def weights(out: Tensor, normals: Tensor, *rest: Tensor) -> None:
+    """Fill `out` (2, P, K) with the weights of diffuse and ambient."""
+    for part, cosine, ambient, total, around in _slabs(normals, *rest):
+        out[0, part], out[1, part] = cosine / total, ambient / around
+
+
 def _slabs(
     normals: Tensor, unoccluded: Tensor, index: Tensor, weight: Tensor, directions: Tensor, angles: Tensor
 ) -> Iterator[tuple[slice, Tensor, Tensor, Tensor, Tensor]]:

@@ -10,6 +10,8 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
+from lightprobe.kernels.reference.occlusion import weights as weights  # a few whole operations, limited by memory
+
 DIRECTIONS = 512  # of one program, summed over at once
 LANES = 128  # directions of one program that walks through pixels
 SHARE = 64  # pixels it walks through
