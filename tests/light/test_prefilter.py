@@ -51,7 +51,7 @@ def test_a_draft_holds_fewer_entries_and_says_nearly_the_same():
 
 def test_the_dense_levels_are_the_operator():
     operator, light = cached(R), random_light()
-    levels = (operator.dense_levels() @ light.reshape(-1, 3)).contiguous()
+    levels = (operator.dense_levels @ light.reshape(-1, 3)).contiguous()
     assert torch.allclose(levels, operator.apply(light)[: operator.first_block], atol=1e-6)
 
 

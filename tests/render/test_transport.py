@@ -9,16 +9,16 @@ from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
 from lightprobe.render import transport
 from lightprobe.render.split_sum import shade
-from lightprobe.render.taps import GatheredTaps, SparseTaps
+from lightprobe.render.taps import DenseTaps, GatheredTaps, SparseTaps
 from lightprobe.render.transport import Transport, solve_light
 from lightprobe.render.visibility import PointVisibility, VertexVisibility
 from tests.gbuffers import R, sky, sphere_gbuffer
 from tests.render.dense import DenseTransport
 
 
-@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])  # a CPU's and a GPU's
+@pytest.mark.parametrize("taps", [SparseTaps, DenseTaps, GatheredTaps])  # two of a CPU, one of a GPU
 def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
-    monkeypatch.setattr(transport, "look_up", lambda device: taps)
+    monkeypatch.setattr(transport, "look_up", lambda *given, often: taps(*given))
     gbuffer, operator = sphere_gbuffer(200, metallic=0.4), cached(R)
     light = sky(R)
     linear = Transport(gbuffer, operator)
@@ -29,10 +29,10 @@ def test_transport_is_the_renderer_and_its_adjoint(taps, monkeypatch):
     assert left == pytest.approx(float((light * linear.adjoint(other)).double().sum()), rel=1e-4)
 
 
-@pytest.mark.parametrize("taps", [SparseTaps, GatheredTaps])
+@pytest.mark.parametrize("taps", [SparseTaps, DenseTaps, GatheredTaps])
 @pytest.mark.parametrize("shadowed", [False, True])
 def test_some_pixels_of_a_transport_are_a_transport_of_their_own(taps, shadowed, monkeypatch):
-    monkeypatch.setattr(transport, "look_up", lambda device: taps)
+    monkeypatch.setattr(transport, "look_up", lambda *given, often: taps(*given))
     gbuffer, operator, light = sphere_gbuffer(60, metallic=0.4), cached(R), sky(R)
     if shadowed:
         random = torch.Generator().manual_seed(0)

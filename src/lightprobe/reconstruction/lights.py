@@ -110,12 +110,39 @@ def solve_target_light(
     Pixels weigh as tone mapping has it, by the brighter of their photo and of what the last light shows
     there: what either takes for a highlight weighs little (docs/decisions/light-weights.md).
     """
-    transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows)
+    transport = Transport(gbuffer, prefilters.cached(start.shape[1], start.device), rows, often=True)
+    supported = gbuffer.support is not None
+    return solve_through(
+        transport,
+        observed,
+        clipped,
+        start,
+        config,
+        times,
+        regularisation=regularisation,
+        pull=pull,
+        supported=supported,
+    )
+
+
+def solve_through(
+    transport: Transport,
+    observed: Tensor,
+    clipped: Tensor,
+    start: Tensor,
+    config: DecomposeConfig,
+    times: int,
+    *,
+    regularisation: float = REGULARISATION,
+    pull: LightPull = NO_PULL,
+    supported: bool = False,
+) -> Tensor:
+    """Return what `solve_target_light` does for the K pixels of a transport; supported: as in `LightPull.prior`."""
     light = start
     for _ in range(times):
         last = transport.lit(light)
         weight = tone_weight(torch.maximum(observed.mean(1), last.radiance.mean(1)))
-        prior, stiffness = pull.prior(light, regularisation, supported=gbuffer.support is not None)
+        prior, stiffness = pull.prior(light, regularisation, supported=supported)
         solved = solve_light(
             transport,
             observed,
@@ -138,9 +165,9 @@ class LightSolver:
     pixels of a photo that has fewer count as often as it takes.
     """
 
-    def __init__(self, config: DecomposeConfig, device: torch.device, pixels: int, times: int = 1):
-        """Solve lights on `device`, each `times` times."""
-        self._config, self._device, self._pixels, self._times = config, device, pixels, times
+    def __init__(self, config: DecomposeConfig, device: torch.device, pixels: int):
+        """Solve lights on `device`."""
+        self._config, self._device, self._pixels = config, device, pixels
         self._vertices = -1  # of the surface seen last
         self._recorder: CudaRecorder | None = None
         self._solves: dict[tuple[bool, bool], RecordedStep] = {}  # by what pulls the light
@@ -176,9 +203,7 @@ class LightSolver:
 
         def step(observed: Tensor, clipped: Tensor, start: Tensor, *tensors: Tensor) -> Tensor:
             seen, known = like.holding(tensors[first:]), pull.holding(tensors[:first])
-            return solve_target_light(
-                observed, clipped, seen, start, None, self._config, self._times, pull=known
-            )
+            return solve_target_light(observed, clipped, seen, start, None, self._config, pull=known)
 
         return step
 

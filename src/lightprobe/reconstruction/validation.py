@@ -13,7 +13,7 @@ from lightprobe.light.resize import magnify_light
 from lightprobe.models.object_verdict import ObjectVerdict
 from lightprobe.reconstruction.lights import FINAL_REGULARISATION, NO_PULL, LightPull, solve_target_light
 from lightprobe.reconstruction.photos import Target
-from lightprobe.reconstruction.trials.disagreement import disagreement, part_solver
+from lightprobe.reconstruction.trials.disagreement import disagreement
 from lightprobe.reconstruction.trials.plausibility import BackgroundLevel, ViewLightCorrelation
 from lightprobe.render.asset import Asset, asset_gbuffer
 from lightprobe.render.gbuffer import GBuffer
@@ -100,14 +100,14 @@ def judge_object(
     whether the asset was not fitted to the photos; those it was fitted to flatter it
     (docs/decisions/object-verdict.md).
     """
-    errors, solver = [], part_solver(config, asset.mesh.vertices.device, _JUDGED // 2)
+    errors = []
     for target in targets:
         gbuffer, light = fit_light(asset, target, config.light_resolution, config, seed)
         inside = target.inside(gbuffer.pixel)
         pixels = gbuffer.select(draw_rows(inside, _JUDGED, generator(seed, f"judge/{target.name}")))
         color, clipped = target.color[pixels.pixel], target.clipped[pixels.pixel]
         random = generator(seed, f"judge-halves/{target.name}")
-        halves = disagreement(pixels, color, clipped, light, solver, random)
+        halves = disagreement(pixels, color, clipped, light, config, random)
         if halves is not None:
             errors.append(float(halves[0]))  # of the darker and the brighter surfaces
     if not errors:

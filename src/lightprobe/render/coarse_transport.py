@@ -80,7 +80,7 @@ class CoarseTransport:
 def _dense_prefilter(device: torch.device, side: int) -> tuple[prefilters.Prefilter, Tensor]:
     """Return the prefilter of the coarse light and its levels as a matrix (T, 6 `side`^2)."""
     operator = prefilters.cached(BLOCKS, device)
-    return operator, _pooled(operator.dense_levels(), side)
+    return operator, _pooled(operator.dense_levels, side)
 
 
 def _pooled(weights: Tensor, side: int) -> Tensor:

@@ -12,6 +12,7 @@ from lightprobe.kernels import weighted_gather, weighted_scatter
 from lightprobe.light.prefilter import Prefilter, PrefilterPart
 from lightprobe.light.sparse import SparseOperator
 
+_FEW, _COARSE = 1024, 16  # rows and texels along an edge of a light up to which a matrix is written out
 # look-ups of index (P, K) and weight (P, K); their rows stand one below the other
 Taps = list[tuple[Tensor, Tensor]]
 
@@ -62,9 +63,34 @@ class SparseTaps(GatheredTaps):
         return part.adjoint(torch.cat([taps.adjoint(lobes), blocks]))
 
 
-def look_up(device: torch.device) -> type[GatheredTaps]:
-    """Return the class of look-ups for a device."""
-    return SparseTaps if device.type == "cpu" else GatheredTaps
+class DenseTaps(GatheredTaps):
+    """Look-ups written out as one matrix of the light's texels: for a CPU, few pixels and a coarse light."""
+
+    @functools.cached_property
+    def _matrix(self) -> Tensor:
+        """The matrix (rows, 6 R^2); made at the first application."""
+        levels = self._prefilter.dense_levels
+        return torch.cat([weighted_gather(levels, *taps) for taps in self._taps])
+
+    def apply(self, env: Tensor) -> tuple[Tensor, Tensor]:
+        """Return what is looked up (rows, 3) of env (6, R, R, 3), and its blocks (384, 3)."""
+        self._prefilter.check(env)
+        texels = env.detach().reshape(-1, 3)
+        return self._matrix @ texels, self._prefilter.blocks.apply(texels)
+
+    def adjoint(self, lobes: Tensor, blocks: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (6, R, R, 3)."""
+        size = self._prefilter.resolution
+        texels = (lobes.T @ self._matrix).T + self._prefilter.blocks.adjoint(blocks)
+        return texels.reshape(6, size, size, 3)
+
+
+def look_up(taps: Taps, prefilter: Prefilter, *, often: bool) -> GatheredTaps:
+    """Return the look-ups in the levels of `prefilter` in their fastest form; often: in many lights one after the other."""
+    if taps[0][0].device.type != "cpu":
+        return GatheredTaps(taps, prefilter)
+    few = sum(len(index) for index, _ in taps) <= _FEW and prefilter.resolution <= _COARSE
+    return DenseTaps(taps, prefilter) if often and few else SparseTaps(taps, prefilter)
 
 
 def _tap_matrix(taps: Taps, count: int) -> tuple[Tensor, scipy.sparse.csr_array]:

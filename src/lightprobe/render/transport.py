@@ -37,15 +37,20 @@ class Transport:
     """The linear operator from a cubemap (6, R, R, 3) to the radiance (P, 3) of pixels; no autograd."""
 
     @torch.no_grad()
-    def __init__(self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None):
-        """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them."""
+    def __init__(
+        self, gbuffer: GBuffer, prefilter: Prefilter, rows: Tensor | None = None, *, often: bool = False
+    ):
+        """Precompute taps and factors for the rows (P,) int64 of the G-buffer, or for all of them.
+
+        often: whether it will be applied often enough to write matrices of few pixels out.
+        """
         if rows is not None:
             gbuffer = gbuffer.select(rows)
         shading = Shading.of(gbuffer, prefilter)
         self._factors, seen = shading.factors, shading.visibility
         # Applied over and over, so written out: (2, P, 384).
         self._open = None if seen is None else seen.weights(shading.normal)
-        self._looked_up = look_up(gbuffer.normal.device)(shading.taps, prefilter)
+        self._looked_up = look_up(shading.taps, prefilter, often=often)
         self.resolution = prefilter.resolution
 
     def select(self, rows: Tensor) -> "Transport":
@@ -79,7 +84,9 @@ class Transport:
         lobes = self._factors * radiance
         if self._open is None:
             return self._looked_up.adjoint(lobes.reshape(-1, 3), lobes.new_zeros(6 * BLOCKS**2, 3))
-        blocks = (lobes[1:].reshape(-1, 3).T @ self._open.flatten(0, 1)).T  # the other order takes twice as long
+        blocks = (
+            lobes[1:].reshape(-1, 3).T @ self._open.flatten(0, 1)
+        ).T  # the other order takes twice as long
         return self._looked_up.adjoint(lobes[0], blocks)
 
 

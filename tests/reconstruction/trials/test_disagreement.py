@@ -8,13 +8,12 @@ import torch
 from lightprobe.core.config import DecomposeConfig
 from lightprobe.core.device import generator
 from lightprobe.light.prefilter import cached
-from lightprobe.reconstruction import lights as lights_module
-from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
-from lightprobe.render.split_sum import shade, shade_under
+from lightprobe.reconstruction.trials import disagreement as module
+from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement
+from lightprobe.render.split_sum import shade
 from tests.gbuffers import sky, sphere_gbuffer
 
 CONFIG = DecomposeConfig()
-SOLVER = part_solver(CONFIG, torch.device("cpu"), 1000)
 
 
 def two_materials():
@@ -29,7 +28,7 @@ def two_materials():
 
 def error(pixels, photo, light):
     clipped = torch.zeros_like(photo, dtype=torch.bool)
-    found = disagreement(pixels, photo, clipped, light, SOLVER, generator(0, "test"))
+    found = disagreement(pixels, photo, clipped, light, CONFIG, generator(0, "test"))
     assert found is not None
     assert found.shape == (SPLITS,)
     return float(found.mean())
@@ -53,22 +52,21 @@ def test_of_a_photo_that_the_surface_explains_nothing_is_left():
 @pytest.mark.slow
 def test_a_light_is_solved_from_the_colours_of_its_own_pixels(monkeypatch):
     true, photo, light = two_materials()
-    explained, solve, calls = shade_under(true, light), lights_module.solve_target_light, []
+    solve, brighter = module.solve_through, []
 
-    def checked(observed, clipped, pixels, *rest, **named):
-        rows = pixels.pixel
-        assert torch.equal(observed, photo[rows]) or torch.equal(observed, explained[rows])
-        calls.append(len(rows))
-        return solve(observed, clipped, pixels, *rest, **named)
+    def checked(transport, observed, *rest):
+        explained = transport.apply(light)
+        brighter.append(round(float((observed - explained).mean()), 3))
+        torch.testing.assert_close(observed, explained + brighter[-1], rtol=1e-3, atol=1e-4)
+        return solve(transport, observed, *rest)
 
-    monkeypatch.setattr(lights_module, "solve_target_light", checked)
-    photo = photo + 0.1  # no longer what the surface explains
-    error(true, photo, light)
-    assert len(calls) == 4 * SPLITS
+    monkeypatch.setattr(module, "solve_through", checked)
+    error(true, photo + 0.1, light)
+    assert brighter == SPLITS * [0.1, 0.1, 0.0, 0.0]  # the photo, and what the surface explains
 
 
 def test_too_few_pixels_say_nothing():
     true, photo, light = two_materials()
     few = torch.arange(10)
     clipped = torch.zeros(10, 3, dtype=torch.bool)
-    assert disagreement(true.select(few), photo[few], clipped, light, SOLVER, generator(0, "test")) is None
+    assert disagreement(true.select(few), photo[few], clipped, light, CONFIG, generator(0, "test")) is None

@@ -14,7 +14,7 @@ from lightprobe.reconstruction.lights import Lights, LightSolver
 from lightprobe.reconstruction.material_field import MATERIAL_RATE, ScaledMaterial
 from lightprobe.reconstruction.photos import Target, evenly_spaced
 from lightprobe.reconstruction.surface_model import SurfaceModel
-from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement, part_solver
+from lightprobe.reconstruction.trials.disagreement import SPLITS, disagreement
 from lightprobe.reconstruction.trials.plausibility import (
     BackgroundLevel,
     MetalReflectance,
@@ -108,7 +108,6 @@ class Trial:
         self.lights = {s.name: lights.maps[lights.index[s.name]].detach() / factor for s in samples}
         device = lights.maps[0].device
         self._solver = LightSolver(material.config, device, _PIXELS // 2)
-        self._part_solver = part_solver(material.config, device, _PIXELS // 2)
         descent = Descent(
             [ParameterGroup(dict(material.named_parameters()), _RATE * MATERIAL_RATE)],
             self._loss,
@@ -146,7 +145,7 @@ class Trial:
             pixels = sample.of_material(self.material(sample.pixels.position))
             random = generator(self.seed, f"halves/{sample.name}")
             light = self.lights[sample.name]
-            own = disagreement(pixels, sample.color, sample.clipped, light, self._part_solver, random)
+            own = disagreement(pixels, sample.color, sample.clipped, light, self.material.config, random)
             if own is not None:
                 row.copy_(own)
         return found
