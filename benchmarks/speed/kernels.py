@@ -129,18 +129,20 @@ def gather_kernels(queries: int, device: torch.device = CPU) -> list[Kernel]:
 
 
 def occlusion_kernels(pixels: int, device: torch.device = CPU) -> list[Kernel]:
-    """Return the occluded light and its adjoint: per pixel and direction 5 operations for v and 6 for the
-    cosine.
+    """Return the occluded light, its gradient and its weights: per pixel and direction 5 operations for v and 6 for
+    the cosine.
 
-    Then come 18 for the sums of `occluded_light`, or 4 for its denominators and 13 for what each direction is
-    given.
+    Then come 18 for the sums of `occluded_light`, 4 for its denominators and 13 for what each direction is given, or 4 and
+    4 for the weights.
     """
     case = tuple(tensor.to(device) for tensor in cases.shadowed(pixels))
     pairs, grad = pixels * len(case[0]), torch.rand(pixels, 7).to(device)
     name, forward, back = f"occluded light, {pixels / 1000:.0f} k x 384", 5 + 6 + 18.0, 5 + 6 + 4 + 13.0
+    out, written = grad.new_empty(2, pixels, len(case[0])), 5 + 6 + 4 + 4.0
     return [
         Kernel(name, "occlusion", lambda b: b.occluded_light(*case), pairs * forward),
         Kernel(f"{name}, adjoint", "occlusion", lambda b: b.light_gradient(grad, *case[1:]), pairs * back),
+        Kernel(f"{name}, weights", "occlusion", lambda b: b.weights(out, *case[1:]), pairs * written),
     ]
 
 

@@ -7,8 +7,10 @@ import torch
 
 from lightprobe.light import cubemap
 from lightprobe.light.prefilter import cached
+from lightprobe.render import visibility as module
 from lightprobe.render.split_sum import furnace, shade
 from lightprobe.render.visibility import (
+    OpenLight,
     PointVisibility,
     VertexVisibility,
     ambient_occlusion,
@@ -104,6 +106,19 @@ def test_light_is_averaged_over_the_cosine_and_over_what_is_open():
     share = (cosine * opened).sum() / cosine.sum()
     expected = torch.cat([diffuse, ambient, share[None]])
     torch.testing.assert_close(point.light(light, normal)[0], expected, rtol=1e-4, atol=1e-6)
+
+
+@pytest.mark.parametrize("at_once", [400, 64])
+def test_open_light_is_the_light_past_the_object_and_has_its_transpose(at_once, monkeypatch):
+    monkeypatch.setattr(module, "_AT_ONCE", at_once)
+    gbuffer, rows = shaded_gbuffer(), torch.tensor([7, 399, 0])
+    blocks, arriving = torch.rand(384, 3), torch.rand(2, 400, 3)
+    linear = OpenLight(gbuffer.visibility, gbuffer.normal)
+    expected = gbuffer.visibility.light(blocks, gbuffer.normal)[:, :6].unflatten(1, (2, 3)).transpose(0, 1)
+    torch.testing.assert_close(linear.apply(blocks), expected, rtol=1e-4, atol=1e-5)
+    torch.testing.assert_close(linear.select(rows).apply(blocks), expected[:, rows], rtol=1e-4, atol=1e-5)
+    back = linear.adjoint(arriving)
+    torch.testing.assert_close((back * blocks).sum(), (expected * arriving).sum(), rtol=1e-4, atol=1e-3)
 
 
 def test_occlusion_of_a_vertex_is_the_closed_share_of_its_own_hemisphere():

@@ -19,6 +19,7 @@ from lightprobe.light.prefilter import BLOCKS, Prefilter
 from lightprobe.render.gbuffer import GBuffer
 from lightprobe.render.split_sum import Shading
 from lightprobe.render.taps import look_up
+from lightprobe.render.visibility import OpenLight
 
 _TINY = 1e-30  # keeps a division by nothing finite
 _LEAST_SHARE = 0.05  # of the mean channel: fainter ones are compared as if they were this bright
@@ -48,8 +49,7 @@ class Transport:
             gbuffer = gbuffer.select(rows)
         shading = Shading.of(gbuffer, prefilter)
         self._factors, seen = shading.factors, shading.visibility
-        # Applied over and over, so written out: (2, P, 384).
-        self._open = None if seen is None else seen.weights(shading.normal)
+        self._open = None if seen is None else OpenLight(seen, shading.normal)
         self._looked_up = look_up(shading.taps, prefilter, often=often)
         self.resolution = prefilter.resolution
 
@@ -57,7 +57,7 @@ class Transport:
         """Return the operator of the pixels at `rows` (K,) int64 alone."""
         part = copy.copy(self)
         part._factors = self._factors[:, rows]
-        part._open = None if self._open is None else self._open[:, rows]
+        part._open = None if self._open is None else self._open.select(rows)
         part._looked_up = self._looked_up.select(rows)
         part.__dict__.pop("white", None)  # the cached value is of all pixels
         return part
@@ -76,7 +76,7 @@ class Transport:
         """Return the radiance (P, 3) under the light env (6, R, R, 3)."""
         lobes, blocks = self._looked_up.apply(env)
         if self._open is not None:
-            lobes = torch.cat([lobes, self._open.flatten(0, 1) @ blocks])
+            lobes = torch.cat([lobes, self._open.apply(blocks).flatten(0, 1)])
         return (self._factors * lobes.reshape(self._factors.shape)).sum(0)
 
     def adjoint(self, radiance: Tensor) -> Tensor:
@@ -84,10 +84,7 @@ class Transport:
         lobes = self._factors * radiance
         if self._open is None:
             return self._looked_up.adjoint(lobes.reshape(-1, 3), lobes.new_zeros(6 * BLOCKS**2, 3))
-        blocks = (
-            lobes[1:].reshape(-1, 3).T @ self._open.flatten(0, 1)
-        ).T  # the other order takes twice as long
-        return self._looked_up.adjoint(lobes[0], blocks)
+        return self._looked_up.adjoint(lobes[0], self._open.adjoint(lobes[1:]))
 
 
 @torch.no_grad()

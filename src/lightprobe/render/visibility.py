@@ -4,9 +4,10 @@ It depends on the shape alone, and is known before any light. It is found at ver
 from a depth map for each direction, and interpolated at the pixels of a view.
 """
 
+import copy
 import functools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import torch
 from torch import Tensor
@@ -18,6 +19,7 @@ from lightprobe.light.prefilter import BLOCKS
 from lightprobe.render.depth_maps import DepthMaps, frames
 
 SIDE = 512  # pixels of a depth map
+_AT_ONCE = 16_384  # points whose weights are held: 50 MB
 _HORIZON = -0.2  # directions further below a vertex's horizon are blocked, whatever the depth map says
 
 
@@ -89,6 +91,47 @@ class PointVisibility:
         rows = self.index.long()[:, :, None] * table.shape[1] + texel.long()[:, None, :]
         weight = self.weight[:, :, None] * share[:, None, :] / 255
         return (values_at(table.reshape(-1), rows) * weight).sum((1, 2))
+
+
+class OpenLight:
+    """The diffuse and ambient light that reaches P points past the object, as a linear map of a light's blocks.
+
+    Its matrices are held, for many lights one after the other, unless there are too many points.
+    """
+
+    def __init__(self, visibility: PointVisibility, normal: Tensor):
+        """Take points and their normals (P, 3)."""
+        self._visibility, self._normal = visibility, normal
+        self._held = visibility.weights(normal) if len(normal) <= _AT_ONCE else None
+
+    def select(self, rows: Tensor) -> "OpenLight":
+        """Return the map of the points at `rows` (K,) int64."""
+        part = copy.copy(self)
+        part._visibility, part._normal = self._visibility.select(rows), self._normal[rows]
+        part._held = None if self._held is None else self._held[:, rows]
+        return part
+
+    def apply(self, blocks: Tensor) -> Tensor:
+        """Return `PointVisibility.light`'s diffuse and ambient light, (2, P, 3), of blocks (384, 3); no gradient."""
+        return torch.cat([weights @ blocks for _, weights in self._weights()], 1)
+
+    def adjoint(self, arriving: Tensor) -> Tensor:
+        """Return the transpose of `apply`, (384, 3), on (2, P, 3)."""
+        parts = [arriving[:, rows].reshape(-1, 3).T @ w.flatten(0, 1) for rows, w in self._weights()]
+        return sum(parts[1:], parts[0]).T  # the other order of factors would take twice as long
+
+    def _weights(self) -> Iterator[tuple[slice, Tensor]]:
+        """Yield points and their matrices (2, K, 384)."""
+        if self._held is not None:
+            yield slice(None), self._held
+            return
+        for start in range(0, len(self._normal), _AT_ONCE):
+            rows = slice(start, start + _AT_ONCE)
+            seen = self._visibility
+            yield (
+                rows,
+                replace(seen, index=seen.index[rows], weight=seen.weight[rows]).weights(self._normal[rows]),
+            )
 
 
 def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
