@@ -10,9 +10,8 @@ import triton
 import triton.language as tl
 from torch import Tensor
 
-from lightprobe.kernels.reference.occlusion import (
-    weights as weights,
-)  # a few whole operations, limited by memory
+# Whole operations of PyTorch, limited by memory.
+from lightprobe.kernels.reference.occlusion import weights as weights
 
 DIRECTIONS = 512  # of one program, summed over at once
 LANES = 128  # directions of one program that walks through pixels
