@@ -13,10 +13,11 @@ same SCENES serve any number of RESULTS. `--set` changes fields of `DecomposeCon
 spheres are those of `evaluation.three_spheres`. Needs the extra `path` and an LLVM library newer than 15.
 """
 
+import contextlib
 import math
 import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -168,6 +169,21 @@ def table(rows: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Let processes that start meanwhile use one thread; this one's libraries would refuse to change theirs later."""
+    before = {name: os.environ.get(name) for name in _ONE_THREAD}
+    os.environ.update(_ONE_THREAD)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
 def main(words: Sequence[str]) -> None:
     """Measure the objects that the command line names and print the table of all results."""
     parser = command_line(__doc__)
@@ -190,9 +206,8 @@ def main(words: Sequence[str]) -> None:
     given.results.mkdir(parents=True, exist_ok=True)
     given.scenes.mkdir(parents=True, exist_ok=True)
     write_json(kept, note)
-    os.environ.update(_ONE_THREAD)  # read when a worker starts
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(given.jobs, spawn, max_tasks_per_child=1) as pool:
+    with _one_thread(), ProcessPoolExecutor(given.jobs, spawn, max_tasks_per_child=1) as pool:
         work = [pool.submit(measure, given.scenes, given.results, k, given.set) for k in given.objects]
         for done, future in enumerate(as_completed(work), start=1):
             print(f"{done} of {len(work)}: {future.result()}", flush=True)
