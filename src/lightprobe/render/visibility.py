@@ -7,7 +7,7 @@ from a depth map for each direction, and interpolated at the pixels of a view.
 import copy
 import functools
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -52,8 +52,8 @@ class PointVisibility:
         """Return the visibility at points of `faces` (F, 3), by face (P,) and barycentric coordinates (P, 3)."""
         return PointVisibility(vertices, faces[face], barycentric.detach())
 
-    def select(self, rows: Tensor) -> "PointVisibility":
-        """Return the points at `rows` (K,) int64."""
+    def select(self, rows: Tensor | slice) -> "PointVisibility":
+        """Return the points at `rows` (K,) int64, or of a slice."""
         return PointVisibility(self.vertices, self.index[rows], self.weight[rows])
 
     @staticmethod
@@ -127,11 +127,7 @@ class OpenLight:
             return
         for start in range(0, len(self._normal), _AT_ONCE):
             rows = slice(start, start + _AT_ONCE)
-            seen = self._visibility
-            yield (
-                rows,
-                replace(seen, index=seen.index[rows], weight=seen.weight[rows]).weights(self._normal[rows]),
-            )
+            yield rows, self._visibility.select(rows).weights(self._normal[rows])
 
 
 def vertex_visibility(vertices: Tensor, faces: Tensor, colors: Tensor, side: int = SIDE) -> VertexVisibility:
