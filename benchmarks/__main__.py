@@ -14,6 +14,7 @@ MEASUREMENTS = {
     "fleet": "a fleet's cost beside the work itself, and a machine that dies",
     "insertion": "a virtual object put into a photo, against path-traced truth",
     "locate": "poses of new photos, and photos without the object",
+    "make": "no measurement: makes the benchmark scenes with their truth",
     "memory": "peak memory of commands by the size of a photo",
     "object": "Phase I alone against the true object and lights",
     "paper": "steps and memory of `--preset paper`, and a full run projected",

@@ -13,12 +13,9 @@ same SCENES serve any number of RESULTS. `--set` changes fields of `DecomposeCon
 spheres are those of `evaluation.three_spheres`. Needs the extra `path` and an LLVM library newer than 15.
 """
 
-import contextlib
 import math
-import multiprocessing
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,9 +26,10 @@ import torch
 from benchmarks import command_line
 from benchmarks.object import changed, read_lights
 from benchmarks.object import measure as measure_object
+from benchmarks.workers import side_by_side
 from lightprobe.core.config import DecomposeConfig, Method, reconstruction
 from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import atomic_folder, read_json, write_json
+from lightprobe.core.files import read_json, write_json
 from lightprobe.evaluation.oracle import true_asset
 from lightprobe.evaluation.three_spheres import SPHERES
 from lightprobe.models import Decomposition
@@ -40,8 +38,6 @@ from lightprobe.scene import load_scene
 
 OBJECTS = 24  # for choices
 UNTOUCHED = 12  # more
-_ONE_THREAD = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
-_TABLE = 0.1  # sine of the elevation from which an object on a table is looked at
 _PLACES = ("room", "yard", "hall", "room", "sun")
 # form, and how bad a value is
 COLUMNS: dict[str, tuple[str, Callable[[float], float]]] = {
@@ -100,18 +96,17 @@ def make_scene(folder: Path, number: int, sizes: Sizes) -> None:
     if (folder / "truth.json").exists():
         return
     import demo_scene.dataset as studio  # starts Mitsuba, so only when it is needed
-    from benchmarks.shoot.folder import Settings, Shoot
+    from benchmarks.shoot.folder import Settings
     from benchmarks.shoot.models import textured
     from benchmarks.shoot.objects import make_object
+    from benchmarks.shoot.scenes import write_studio, write_tables
     from benchmarks.shoot.tracing import use_one_thread
 
     use_one_thread()
     settings = studio.Settings(number, sizes.side, sizes.samples, sizes.photos, sizes.test)
     model = textured(make_object("random", number), 1024)
     if number % 2 == 0:
-        if not folder.exists():
-            with atomic_folder(folder) as temporary:
-                studio.write_scene(temporary, settings, "random", model)
+        write_studio(folder, "random", model, settings)
     else:
         tables: dict[str, Any] = {
             "places": sizes.places,
@@ -119,10 +114,8 @@ def make_scene(folder: Path, number: int, sizes: Sizes) -> None:
             "test_places": 0,
         }
         camera: dict[str, Any] = {"width": sizes.width, "samples": sizes.samples // 4, "atlas": 1024}
-        Shoot(folder, Settings("random", _PLACES, seed=number, **tables, **camera), lambda line: None).write()
-        writer = studio.Writer(folder, settings, model)
-        studio.write_split(writer, "test", settings.test, 1000, _TABLE)
-        studio.write_relight(writer, 2000, _TABLE)
+        shoot = Settings("random", _PLACES, seed=number, **tables, **camera)
+        write_tables(folder, shoot, model, settings, lambda line: None)
     scene = load_scene(folder)
     true, device = Decomposition(true_asset(scene), {}, scene.similarity), torch.device("cpu")
     grey = read_lights(true, scene, device, Method.CONSTANT)
@@ -169,21 +162,6 @@ def table(rows: dict[str, dict[str, float]]) -> str:
     return "\n".join(lines)
 
 
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Let processes that start meanwhile use one thread; this one's libraries would refuse to change theirs later."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(_ONE_THREAD)
-    try:
-        yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
 def main(words: Sequence[str]) -> None:
     """Measure the objects that the command line names and print the table of all results."""
     parser = command_line(__doc__)
@@ -206,9 +184,7 @@ def main(words: Sequence[str]) -> None:
     given.results.mkdir(parents=True, exist_ok=True)
     given.scenes.mkdir(parents=True, exist_ok=True)
     write_json(kept, note)
-    spawn = multiprocessing.get_context("spawn")
-    with _one_thread(), ProcessPoolExecutor(given.jobs, spawn, max_tasks_per_child=1) as pool:
-        work = [pool.submit(measure, given.scenes, given.results, k, given.set) for k in given.objects]
-        for done, future in enumerate(as_completed(work), start=1):
-            print(f"{done} of {len(work)}: {future.result()}", flush=True)
+    calls = [(given.scenes, given.results, number, given.set) for number in given.objects]
+    for done, name in enumerate(side_by_side(measure, calls, given.jobs), start=1):
+        print(f"{done} of {len(calls)}: {name}", flush=True)
     print(table({name: summary(scores) for name, scores in read_results(given.results).items()}))

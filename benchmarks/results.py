@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cached_property
 
+from benchmarks import make
 from benchmarks.markdown import NONE, markdown_table
 from benchmarks.record import Kind, Metrics, Record
 
@@ -29,9 +30,10 @@ BENCH_SCENES = (*_UNTOUCHED, *_DEVELOPMENT[:-1])  # the demo has a command of it
 
 def role(scene: str) -> Role:
     """Return what a scene was used for."""
-    if scene in _UNTOUCHED:
+    made = scene.removesuffix("-shoot")  # as `benchmarks make` names it
+    if scene in _UNTOUCHED or made in make.UNTOUCHED:
         return Role.UNTOUCHED
-    return Role.DEVELOPMENT if scene in _DEVELOPMENT else Role.YOURS
+    return Role.DEVELOPMENT if scene in _DEVELOPMENT or made in make.OBJECTS else Role.YOURS
 
 
 def ordered(scenes: Iterable[str]) -> list[str]:

@@ -4,6 +4,7 @@
     transforms_{train,test}.json                   true cameras in the object's frame, which photos share a place and
                                                    the plane of its table: lightprobe's scene format
     light/PLACE.exr                                the light at the object's centre, the object not there
+    env_test/NAME.exr                              the same in the exposure and colours of a test photo
     mesh.obj                                       the true surface, as far as it is seen from outside
     shoot.json                                     settings, places with the plane of their table, photos done so far
 
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from demo_scene.files import write_exr, write_obj
+from demo_scene.files import read_exr, write_exr, write_obj
 from demo_scene.geometry import visible_faces, weld
 from demo_scene.lights import LARGEST, solid_angles
 from demo_scene.render import textured_mesh
@@ -39,6 +40,7 @@ from .tracing import Tracer, ball_lamp, panorama, quad_lamp, sky_lamp
 _GROUPS = 4  # of passes, whose median tells a pixel's brightness from one lucky ray's
 _LIGHT_ROWS = 128
 _FIRST = 1001  # number of the first photo
+_APART = 64  # more than there are objects
 _MORNING = datetime(2024, 5, 4, 9, 0)
 
 
@@ -88,9 +90,8 @@ class Shoot:
     def __init__(self, root: Path, settings: Settings, say: Callable[[str], None] = print):
         self.root, self.settings, self.say = root, settings, say
         self.record = self._opened()
-        self.seed = settings.seed * len(OBJECTS) + list(OBJECTS).index(
-            settings.object
-        )  # objects share no places
+        kind = list(OBJECTS).index(settings.object)
+        self.seed = settings.seed * _APART + kind  # objects share no places
         rng = np.random.default_rng([self.seed, 3])
         height = round(settings.width * 0.75)
         lens = int(rng.integers(24, 29)), round(rng.uniform(-0.06, 0.03), 4), rng.uniform(0.1, 0.35)
@@ -118,7 +119,7 @@ class Shoot:
     def write(self) -> None:
         """Take every photo that is not there yet."""
         self._note()
-        for folder in ("train", "test", "masks", "light"):
+        for folder in ("train", "test", "masks", "light", "env_test"):
             (self.root / folder).mkdir(exist_ok=True)
         photos, done = plan(self.settings), {frame["name"] for frame in self.record["frames"]}
         for number in dict.fromkeys(photo.place for photo in photos):
@@ -197,10 +198,17 @@ class Shoot:
         write_bytes(self.root / photo.split / f"{photo.name}.jpg", jpeg)
         with atomic_path(self.root / "masks" / f"{photo.name}.png") as file:
             Image.fromarray(cover > 0.5).save(file, "PNG")
+        if photo.split == "test":
+            self._write_environment(photo.name, place.name, balance * exposure)
         gain = {"gain": (balance * exposure).tolist(), "exposure": exposure}
         frame = {"name": photo.name, "split": photo.split, "place": place.name}
         self.record["frames"].append(frame | {"transform_matrix": pose.tolist()} | gain)
         self._note()
+
+    def _write_environment(self, photo: str, place: str, gain: np.ndarray) -> None:
+        light = read_exr(self.root / "light" / f"{place}.exr", "RGB") * gain
+        with atomic_path(self.root / "env_test" / f"{photo}.exr") as file:
+            write_exr(file, np.minimum(light, LARGEST).astype(np.float32), "RGB")
 
     def _note(self) -> None:
         write_json(self.root / "shoot.json", self._lens() | self.record)
@@ -227,6 +235,7 @@ class Shoot:
                     "transform_matrix": frame["transform_matrix"],
                     "light_group": frame["place"],
                 }
+                | ({"env_path": f"env_test/{frame['name']}.exr"} if split == "test" else {})
                 for frame in self.record["frames"]
                 if frame["split"] == split
             ]

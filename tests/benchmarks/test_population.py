@@ -1,7 +1,6 @@
 """The population of random objects: what it is made of, how its scores are read, and a small scene of either kind."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -104,12 +103,3 @@ def test_a_small_scene_has_all_that_is_scored(path_tracer, tmp_path, number):
     times = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
     population.make_scene(folder, number, TINY)
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*")} == times
-
-
-def test_only_workers_are_told_to_use_one_thread(monkeypatch):
-    monkeypatch.setenv("OMP_NUM_THREADS", "7")
-    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    with population._one_thread():
-        assert os.environ["OMP_NUM_THREADS"] == os.environ["NUMBA_NUM_THREADS"] == "1"
-    assert os.environ["OMP_NUM_THREADS"] == "7"
-    assert "NUMBA_NUM_THREADS" not in os.environ
