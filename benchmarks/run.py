@@ -43,6 +43,7 @@ LESSONS: dict[str, tuple[str, ...]] = {
 }
 """What else Phase II is trained with on every scene; a folder of HDRIs joins these where there is one."""
 LESSONS_METHODS = ("probe-net+optimize", "probe-net", PAPER_METHOD)
+_PAPERS = (Preset.PAPER, Preset.PAPER_SMALL)  # all of whose runs are the paper's
 _ON_PHOTOS = ("--distill.lessons", "teacher", "--distill.sphere-steps", "0")  # and without the sphere network
 LOSSES: dict[str, tuple[str, ...]] = {
     "L2": ("--distill.no-sample-weight", "--distill.no-intensity-weight"),
@@ -104,10 +105,10 @@ class BenchOptions:
             )
         Protocols(slow_photos=self.slow_photos)
         own_paper = Step.PAPER in steps and set(steps) != set(Step)
-        if self.preset is Preset.PAPER and (self.hdri is not None or counts or own_paper):
+        if self.preset in _PAPERS and (self.hdri is not None or counts or own_paper):
             given = "--hdri" if self.hdri is not None else "--paper-iterations" if counts else "--steps paper"
             raise ConfigError(
-                f"{given} changes nothing with --preset paper, all of whose runs are the paper's."
+                f"{given} changes nothing with --preset {self.preset.value}, all of whose runs are the paper's."
             )
         if own_paper and not counts:
             raise ConfigError("--steps paper needs --paper-iterations I II; the paper's own are 40000 30000.")
@@ -149,7 +150,7 @@ def run_bench(options: BenchOptions, run_command: RunCommand) -> None:
     if not pieces:
         raise ConfigError(
             f"--steps {' '.join(options.steps)} has nothing to do: seeds need a second one of --seeds, losses the "
-            f"scene {LOSSES_SCENE}, lessons another preset than paper."
+            f"scene {LOSSES_SCENE}, lessons another preset than the paper's."
         )
     benchmark = Benchmark(options, run_command)
     for check in (benchmark.check_records, benchmark.check_run):
@@ -195,7 +196,7 @@ def plan(options: BenchOptions, found: dict[str, Path]) -> list[Piece]:
     if Step.RUN in steps:
         slow = ("--slow", "--slow-photos", str(options.slow_photos))
         pieces += [own(name, Kind.RUN, name, slow) for name in found]
-    if options.preset is not Preset.PAPER and Step.PAPER in steps and options.paper_iterations:
+    if options.preset not in _PAPERS and Step.PAPER in steps and options.paper_iterations:
         learn, iterations = paper_options(*options.paper_iterations)
         for name in found:
             record = Record(name, Kind.PAPER, {}, "", seed, Preset.PAPER.value, iterations=iterations)
@@ -204,7 +205,7 @@ def plan(options: BenchOptions, found: dict[str, Path]) -> list[Piece]:
     if Step.SEEDS in steps:
         others = [(name, other) for name in found for other in options.seeds[1:]]
         pieces += [own(name, Kind.SEED, f"{name}.seed{other}", (), other) for name, other in others]
-    if options.preset is not Preset.PAPER and Step.LESSONS in steps:  # which has lessons of its own
+    if options.preset not in _PAPERS and Step.LESSONS in steps:  # which has lessons of its own
         learned = ("--methods", *LESSONS_METHODS)
         kinds = [(name, *kind) for name in found for kind in lessons.items()]
         pieces += [variant(name, Kind.LESSONS, label, seed, learn, learned) for name, label, learn in kinds]

@@ -39,7 +39,7 @@ def test_roles_are_told_of_both_forms():
     assert all(role(f"{name}-shoot") is role(name) is not Role.YOURS for name in make.OBJECTS)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_both_forms_are_whole_scenes(data):
     sizes, shoot = make.TINY, dict(make.TINY.shoot)
     studio, tables = (load_scene(data / make.scene_name("engine", form)) for form in make.FORMS)
@@ -51,7 +51,7 @@ def test_both_forms_are_whole_scenes(data):
     assert all(photo.truth.environment is not None for photo in (*studio.test, *tables.test))
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_scorer_finds_the_true_lights_of_both_forms_right(data, tmp_path):
     for form in make.FORMS:
         photos = score.true_photos(data / make.scene_name("engine", form))
@@ -61,7 +61,7 @@ def test_the_scorer_finds_the_true_lights_of_both_forms_right(data, tmp_path):
             np.testing.assert_allclose(score.scores(true, photo), 0, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_light_of_a_test_photo_is_in_its_own_exposure(data):
     scene = data / "engine-shoot"
     frame = next(f for f in json.loads((scene / "shoot.json").read_text())["frames"] if f["split"] == "test")
@@ -71,7 +71,7 @@ def test_the_light_of_a_test_photo_is_in_its_own_exposure(data):
     np.testing.assert_allclose(shown[below], (light * frame["gain"])[below], rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_sums_list_every_file_and_equal_calls_make_equal_files(data, tmp_path):
     lines = (data / "engine" / "SHA256SUMS").read_text().splitlines()
     listed = dict(reversed(line.split("  ", 1)) for line in lines)
@@ -85,7 +85,7 @@ def test_sums_list_every_file_and_equal_calls_make_equal_files(data, tmp_path):
     assert (again / "engine" / "SHA256SUMS").read_text().splitlines() == lines
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_second_call_makes_what_is_missing_and_nothing_else(data):
     photo = data / "engine" / "train" / "r_000.png"
     kept, missing = photo.stat().st_mtime_ns, data / "engine-shoot"

@@ -87,7 +87,7 @@ def test_scores_of_other_settings_are_not_mixed(path_tracer, tmp_path, capsys):
     assert "holds scores of other settings" in capsys.readouterr().err
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("number", [0, 1])
 def test_a_small_scene_has_all_that_is_scored(path_tracer, tmp_path, number):
     folder = tmp_path / population.name_of(number)

@@ -22,12 +22,19 @@ from lightprobe.runs.evaluation import EvaluationOptions, evaluate_run
 from lightprobe.runs.training import distill_run, fit_run, train_run
 
 PresetArg = Annotated[
-    Preset, option(help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings.")
+    Preset,
+    option(
+        help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings; paper-small: the same at "
+        "smaller sizes, for two CPU cores within two hours."
+    ),
 ]
 
 _SamePresetArg = Annotated[
     Preset | None,
-    option(metavar="quick|standard|paper", help="Phase I's; it has to be given again unless it was quick."),
+    option(
+        metavar="quick|standard|paper|paper-small",
+        help="Phase I's; it has to be given again unless it was quick.",
+    ),
 ]
 
 # `with_preset` puts the chosen preset's in their place

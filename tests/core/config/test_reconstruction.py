@@ -15,7 +15,34 @@ def test_depth_maps_are_as_fine_as_the_lattice_but_no_finer_than_usual(cells, si
 
 
 def test_no_preset_has_coarse_depth_maps():
-    assert {settings(preset).decompose.depth_map_side for preset in Preset} == {512}
+    shaded = [settings(preset).decompose for preset in Preset if settings(preset).decompose.shadows]
+    assert {config.depth_map_side for config in shaded} == {512}
+
+
+def test_the_small_paper_differs_from_the_paper_in_sizes_alone():
+    small, paper = settings("paper-small"), settings("paper")
+    differ = {}
+    for section in ("decompose", "distill", "predict"):
+        here, there = (vars(getattr(each, section)) for each in (small, paper))
+        assert all(here[name] <= there[name] for name in here if here[name] != there[name])
+        differ[section] = {name for name in here if here[name] != there[name]}
+    assert differ == {
+        "decompose": {
+            "pass1_iterations",
+            "pass2_iterations",
+            "pass1_side",
+            "pass2_side",
+            "lattice_cells",
+            "hash_log2_size",
+            "hash_finest",
+            "light_resolution",
+            "texture_size",
+            "unwrap_seconds",
+            "checkpoint_every",
+        },
+        "distill": {"light_resolution", "max_side", "pixels_per_photo"},
+        "predict": {"light_resolution"},
+    }
 
 
 @pytest.mark.parametrize(

@@ -166,3 +166,8 @@ def paper() -> DistillConfig:
         radiance_unit=RadianceUnit.PHOTO,
         solid_angle_weight=False,
     )
+
+
+def paper_small() -> DistillConfig:
+    """The paper's settings at smaller sizes, with all of its steps."""
+    return replace(paper(), light_resolution=32, max_side=200, pixels_per_photo=40_000)

@@ -182,3 +182,8 @@ def paper() -> PredictConfig:
     return replace(
         quick(), method=Method.PROBE_MLP, light_resolution=128, max_pixels=1_048_576, unseen_share=0.0
     )
+
+
+def paper_small() -> PredictConfig:
+    """The paper's single step onto the smaller maps of its smaller settings."""
+    return replace(paper(), light_resolution=32)

@@ -11,11 +11,14 @@ from lightprobe.core.errors import ConfigError
 
 
 class Preset(StrEnum):
-    """Size of a run: `quick` for two CPU cores, `standard` for a GPU, `paper` for the paper's settings."""
+    """Size of a run: `quick` for two CPU cores, `standard` for a GPU, `paper` for the paper's settings, `paper-small`
+    for these at sizes that two cores finish within two hours.
+    """
 
     QUICK = "quick"
     STANDARD = "standard"
     PAPER = "paper"
+    PAPER_SMALL = "paper-small"
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ def settings(preset: Preset | str) -> Settings:
     """Return the settings of a preset; raise `ConfigError` for a name that is none."""
     if preset not in list(Preset):
         raise ConfigError(f"There is no preset '{preset}'; choose one of {', '.join(Preset)}.")
-    name = Preset(preset).value
+    name = Preset(preset).value.replace("-", "_")
     return Settings(*(getattr(part, name)() for part in (reconstruction, distillation, prediction)))
 
 

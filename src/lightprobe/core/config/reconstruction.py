@@ -281,3 +281,21 @@ def paper() -> DecomposeConfig:
         validation_photos=0,
         checkpoint_every=1000,
     )
+
+
+def paper_small() -> DecomposeConfig:
+    """The paper's settings at smaller sizes and with a fifth of the steps: docs/paper-preset.md lists what is scaled."""
+    return replace(
+        paper(),
+        pass1_iterations=8000,
+        pass2_iterations=8000,
+        pass1_side=200,
+        pass2_side=200,
+        lattice_cells=40,
+        hash_log2_size=16,
+        hash_finest=1600,
+        light_resolution=32,
+        texture_size=800,
+        unwrap_seconds=600.0,
+        checkpoint_every=500,
+    )
