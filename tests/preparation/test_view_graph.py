@@ -72,3 +72,12 @@ def test_a_pair_that_was_not_asked_speaks_neither_for_nor_against():
         view_graph.matches_of_pairs(count, edges, [(i, j) for i in range(count) for j in range(i)])[5, 25]
         == 0
     )
+
+
+def test_few_matches_that_lack_none_are_surer_than_many_that_lack_half_as_many():
+    alike = [  # of a toy engine's two sides, in six places: all are wrong
+        view_graph._Hypothesis(support, balance, np.eye(3)) for support, balance in ((1392, 655), (1110, 106))
+    ]
+    beside = [view_graph._Hypothesis(400, 390, np.eye(3))]
+    assert view_graph._margin(alike) > view_graph._margin(beside)
+    assert view_graph._sureness(alike) < view_graph._sureness(beside)

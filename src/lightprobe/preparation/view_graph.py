@@ -4,9 +4,10 @@ Painted and symmetric objects look alike from several sides, so that pairs of ph
 with a hundred matches and more (Cai et al. 2023 call them doppelgangers). Alone such a pair cannot be told from a right
 one. Together they can: cameras that nearly look along one line at the same side of the object have to match, and where
 photos that a hypothesis puts side by side do not, this speaks against it. Groups of photos are joined, the surest
-first, by the relative rotation with the most matches for it less the matches that it lacks. A pair that was not among
-the likely ones, and so was never matched, may have as many as the least of its photos' partners: of many photos that
-stand close together most pairs are of this kind.
+first, by the relative rotation with the most matches for it less the matches that it lacks. Sure is what lacks little
+for the matches that it has: between two sides that look alike, such as those of a toy with wheels, large groups have
+many matches, and lack half as many again. A pair that was not among the likely ones, and so was never matched, may have
+as many as the least of its photos' partners: of many photos that stand close together most pairs are of this kind.
 """
 
 from collections.abc import Collection, Sequence
@@ -129,7 +130,8 @@ def _joined(strength: np.ndarray, edges: Sequence[Edge]) -> tuple[np.ndarray, np
         likely = [pair for pair in between if _is_likely(known[pair])]
         if not sure and not likely:
             return group, rotation
-        kept, gone = max(sure or likely, key=lambda pair: _margin(known[pair]))
+        certainty = _sureness if sure else _margin
+        kept, gone = max(sure or likely, key=lambda pair: certainty(known[pair]))
         moved = group == gone
         rotation[moved] = rotation[moved] @ known[kept, gone][0].rotation
         group[moved] = kept
@@ -140,6 +142,11 @@ def _margin(found: Sequence[_Hypothesis]) -> float:
     """Return by how much the best hypothesis is better than the next, or than none where it is for itself."""
     rival = found[1].balance if len(found) > 1 else 0.0
     return found[0].balance - (max(0.0, rival) if found[0].balance > 0 else min(0.0, rival))
+
+
+def _sureness(found: Sequence[_Hypothesis]) -> float:
+    """Return the margin times the share of the best hypothesis' matches that those it lacks do not outweigh."""
+    return _margin(found) * found[0].balance / found[0].support
 
 
 def _is_likely(found: Sequence[_Hypothesis]) -> bool:
