@@ -26,15 +26,14 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import command_line
+from benchmarks.shoot import DESIGNS, KINDS
 from benchmarks.workers import side_by_side
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_bytes, write_json
 from lightprobe.render.path_tracer import check_path_tracer
 
-OBJECTS = ("urn", "statuette", "radio", "engine", "tankard", "helmet", "can", "duck", "trolley")
 UNTOUCHED = frozenset({"helmet", "duck"})
 FORMS = ("studio", "shoot")
-_KINDS = ("room", "yard", "hall", "room", "sun")  # of places, in turns
 _SUMS = "SHA256SUMS"
 
 
@@ -87,14 +86,14 @@ def make(data: Path, form: str, name: str, sizes: Sizes) -> str:
     from benchmarks.shoot.tracing import use_one_thread
 
     use_one_thread()
-    seed = OBJECTS.index(name)  # no two objects share a light
+    seed = DESIGNS.index(name)  # no two objects share a light
     settings = studio.Settings(seed, sizes.side, sizes.samples, sizes.photos, sizes.test)
     model = textured(make_object(name, seed), sizes.atlas)
     if form == "studio":
         write_studio(folder, name, model, settings)
     else:
         changes: dict[str, Any] = dict(sizes.shoot)
-        shoot = Settings(name, _KINDS, seed=seed, atlas=sizes.atlas, **changes)
+        shoot = Settings(name, KINDS, seed=seed, atlas=sizes.atlas, **changes)
         write_tables(folder, shoot, model, settings, lambda line: print(f"{name}: {line}", flush=True))
     write_bytes(folder / _SUMS, checksums(folder).encode())
     return folder.name
@@ -104,7 +103,7 @@ def main(words: Sequence[str]) -> None:
     """Make the scenes that the command line names."""
     parser = command_line(__doc__)
     parser.add_argument("data", type=Path, metavar="DATA")
-    parser.add_argument("--objects", nargs="+", choices=OBJECTS, default=OBJECTS, metavar="NAME")
+    parser.add_argument("--objects", nargs="+", choices=DESIGNS, default=DESIGNS, metavar="NAME")
     parser.add_argument("--forms", nargs="+", choices=FORMS, default=FORMS)
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--tiny", action="store_true")

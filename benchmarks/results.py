@@ -8,6 +8,7 @@ from functools import cached_property
 from benchmarks import make
 from benchmarks.markdown import NONE, markdown_table
 from benchmarks.record import Kind, Metrics, Record
+from benchmarks.shoot import DESIGNS
 
 PAPER_METHOD = "probe-mlp"
 PAPER_LESSONS = "photos alone"
@@ -33,7 +34,7 @@ def role(scene: str) -> Role:
     made = scene.removesuffix("-shoot")  # as `benchmarks make` names it
     if scene in _UNTOUCHED or made in make.UNTOUCHED:
         return Role.UNTOUCHED
-    return Role.DEVELOPMENT if scene in _DEVELOPMENT or made in make.OBJECTS else Role.YOURS
+    return Role.DEVELOPMENT if scene in _DEVELOPMENT or made in DESIGNS else Role.YOURS
 
 
 def ordered(scenes: Iterable[str]) -> list[str]:

@@ -2,9 +2,10 @@
 
     python -m benchmarks shoot NAME OUT_DIR [--places 6 --photos 11 --width 960 --samples 64 --seed 0] [--tiny]
 
-NAME    radio    boxy, matte                 terrace  the radio in the open, under the sun
-        urn      glazed and polished         market   the urn among strangers who move from photo to photo
-        trolley  thin bars and wheels        random   another object for every seed
+NAME    one of the nine objects of `python -m benchmarks make`, such as radio, urn or trolley; or
+        terrace  the radio in the open, under the sun
+        market   the urn among strangers who move from photo to photo
+        random   another object for every seed
 
 The folder is a scene with true cameras and masks; train/ by itself is what a user would bring. Given again, the command
 goes on with the photos that are missing; equal options make equal shoots. Needs the extra `path` and an LLVM
@@ -20,14 +21,12 @@ from benchmarks import command_line
 from lightprobe.core.errors import ConfigError
 from lightprobe.render.path_tracer import check_path_tracer
 
-_KINDS = ("room", "yard", "hall", "room", "sun")
+KINDS = ("room", "yard", "hall", "room", "sun")  # of places, in turns
+DESIGNS = ("urn", "statuette", "radio", "engine", "tankard", "helmet", "can", "duck", "trolley")
 SHOOTS = {
-    "radio": ("radio", _KINDS, False),
-    "urn": ("urn", _KINDS, False),
-    "trolley": ("trolley", _KINDS, False),
+    **{name: (name, KINDS, False) for name in (*DESIGNS, "random")},
     "terrace": ("radio", ("sun",), False),
     "market": ("urn", ("yard", "hall", "room"), True),
-    "random": ("random", _KINDS, False),
 }
 _LEAST = {
     "places": 1,

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import make, score
 from benchmarks.__main__ import main
 from benchmarks.results import Role, role
-from benchmarks.shoot import objects
+from benchmarks.shoot import DESIGNS, objects
 from lightprobe.evaluation.oracle import can_be_oracle
 from lightprobe.scene import load_scene
 
@@ -23,20 +23,20 @@ def data(path_tracer, tmp_path_factory):
 
 
 def test_every_object_is_designed_and_two_are_untouched():
-    assert len(make.OBJECTS) == len(set(make.OBJECTS)) == 9
-    assert set(make.OBJECTS) == set(objects.OBJECTS) - {"random"}
-    assert len(make.UNTOUCHED & set(make.OBJECTS)) == 2
+    assert len(DESIGNS) == len(set(DESIGNS)) == 9
+    assert set(DESIGNS) == set(objects.OBJECTS) - {"random"}
+    assert len(make.UNTOUCHED & set(DESIGNS)) == 2
 
 
 def test_the_help_names_every_object_and_which_are_untouched():
-    for name in make.OBJECTS:
+    for name in DESIGNS:
         assert name in make.__doc__
     assert make.__doc__.count("(untouched)") == len(make.UNTOUCHED)
 
 
 def test_roles_are_told_of_both_forms():
-    assert {name for name in make.OBJECTS if role(name) is Role.UNTOUCHED} == make.UNTOUCHED
-    assert all(role(f"{name}-shoot") is role(name) is not Role.YOURS for name in make.OBJECTS)
+    assert {name for name in DESIGNS if role(name) is Role.UNTOUCHED} == make.UNTOUCHED
+    assert all(role(f"{name}-shoot") is role(name) is not Role.YOURS for name in DESIGNS)
 
 
 @pytest.mark.long
