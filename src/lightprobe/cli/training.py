@@ -25,7 +25,7 @@ PresetArg = Annotated[
     Preset,
     option(
         help="quick: two CPU cores, minutes; standard: a GPU; paper: the paper's settings; paper-small: the same at "
-        "smaller sizes, for two CPU cores within two hours."
+        "smaller sizes, for two CPU cores."
     ),
 ]
 

@@ -24,7 +24,7 @@ from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
-_EDITION = 4  # raised when finished scenes would come out otherwise: the same command then makes them anew
+_EDITION = 5  # raised when finished scenes would come out otherwise: the same command then makes them anew
 _LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 
@@ -130,8 +130,8 @@ def _work(
         on_progress("cameras: placing", 0, 1)
         return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
 
-    choice = kept_choice(cache, "cameras", key_of(keys[0], options.seed), lambda: cameras(given))
-    hinted = key_of(keys[0], [photo.name for photo in photos], _checksums(hints), options.seed)
+    choice = kept_choice(cache, "cameras", key_of(_EDITION, keys[0], options.seed), lambda: cameras(given))
+    hinted = key_of(_EDITION, keys[0], [photo.name for photo in photos], _checksums(hints), options.seed)
     if hints and len(choice.tried) > 1:
         choice = kept_choice(cache, "cameras-by-hint", hinted, lambda: cameras(known))
     cutting = cut_masks(photos, seen, choice, known, set(given), corrections, cache, hinted, on_progress)

@@ -12,7 +12,7 @@ from lightprobe.core.errors import ConfigError
 
 class Preset(StrEnum):
     """Size of a run: `quick` for two CPU cores, `standard` for a GPU, `paper` for the paper's settings, `paper-small`
-    for these at sizes that two cores finish within two hours.
+    for these at sizes for two CPU cores.
     """
 
     QUICK = "quick"
