@@ -21,15 +21,14 @@ import hashlib
 import os
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from benchmarks import command_line
 from benchmarks.shoot import DESIGNS, KINDS
-from benchmarks.workers import side_by_side
-from lightprobe.core.errors import ConfigError
-from lightprobe.core.files import read_json, write_bytes, write_json
+from benchmarks.workers import begin, check_jobs, side_by_side
+from lightprobe.core.files import write_bytes
 from lightprobe.render.path_tracer import check_path_tracer
 
 UNTOUCHED = frozenset({"helmet", "duck"})
@@ -39,24 +38,18 @@ _SUMS = "SHA256SUMS"
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large the scenes are; None stands for the usual size of a shoot."""
+    """How large the scenes are."""
 
     photos: int = 64
     test: int = 12
     side: int = 320  # of a studio's photos
     samples: int = 256  # of their pixels
     atlas: int = 2048
-    shoot: tuple[tuple[str, int], ...] = ()  # changes of `shoot.folder.Settings`
+    shoot: dict[str, Any] = field(default_factory=dict)  # changes of `shoot.folder.Settings`
 
 
-TINY = Sizes(
-    6,
-    2,
-    64,
-    16,
-    512,
-    tuple({"places": 2, "photos": 3, "test_places": 1, "test_photos": 2, "width": 96, "samples": 8}.items()),
-)
+_TINY_SHOOT = {"places": 2, "photos": 3, "test_places": 1, "test_photos": 2, "width": 96, "samples": 8}
+TINY = Sizes(6, 2, 64, 16, 512, _TINY_SHOOT)
 
 
 def checksums(folder: Path) -> str:
@@ -92,8 +85,7 @@ def make(data: Path, form: str, name: str, sizes: Sizes) -> str:
     if form == "studio":
         write_studio(folder, name, model, settings)
     else:
-        changes: dict[str, Any] = dict(sizes.shoot)
-        shoot = Settings(name, KINDS, seed=seed, atlas=sizes.atlas, **changes)
+        shoot = Settings(name, KINDS, seed=seed, atlas=sizes.atlas, **sizes.shoot)
         write_tables(folder, shoot, model, settings, lambda line: print(f"{name}: {line}", flush=True))
     write_bytes(folder / _SUMS, checksums(folder).encode())
     return folder.name
@@ -108,14 +100,9 @@ def main(words: Sequence[str]) -> None:
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--tiny", action="store_true")
     given = parser.parse_args(words)
-    if given.jobs < 1:
-        raise ConfigError(f"--jobs {given.jobs} is too few; give 1 or more.")
+    check_jobs(given.jobs)
     check_path_tracer()
-    note, kept = {"tiny": given.tiny}, given.data / "settings.json"
-    if kept.exists() and read_json(kept) != note:
-        raise ConfigError(f"{given.data} holds scenes of other sizes; name a new folder.")
-    given.data.mkdir(parents=True, exist_ok=True)
-    write_json(kept, note)
+    begin(given.data, {"tiny": given.tiny}, "scenes of other sizes")
     sizes = TINY if given.tiny else Sizes()
     calls = [(given.data, form, name, sizes) for name in given.objects for form in given.forms]
     start = time.monotonic()

@@ -26,7 +26,8 @@ import torch
 from benchmarks import command_line
 from benchmarks.object import changed, read_lights
 from benchmarks.object import measure as measure_object
-from benchmarks.workers import side_by_side
+from benchmarks.shoot import KINDS
+from benchmarks.workers import begin, check_jobs, side_by_side
 from lightprobe.core.config import DecomposeConfig, Method, reconstruction
 from lightprobe.core.errors import ConfigError
 from lightprobe.core.files import read_json, write_json
@@ -38,7 +39,6 @@ from lightprobe.scene import load_scene
 
 OBJECTS = 24  # for choices
 UNTOUCHED = 12  # more
-_PLACES = ("room", "yard", "hall", "room", "sun")
 # form, and how bad a value is
 COLUMNS: dict[str, tuple[str, Callable[[float], float]]] = {
     "roughness_mae": (".3f", float),
@@ -114,7 +114,7 @@ def make_scene(folder: Path, number: int, sizes: Sizes) -> None:
             "test_places": 0,
         }
         camera: dict[str, Any] = {"width": sizes.width, "samples": sizes.samples // 4, "atlas": 1024}
-        shoot = Settings("random", _PLACES, seed=number, **tables, **camera)
+        shoot = Settings("random", KINDS, seed=number, **tables, **camera)
         write_tables(folder, shoot, model, settings, lambda line: None)
     scene = load_scene(folder)
     true, device = Decomposition(true_asset(scene), {}, scene.similarity), torch.device("cpu")
@@ -173,17 +173,11 @@ def main(words: Sequence[str]) -> None:
     given = parser.parse_args(words)
     if wrong := [k for k in given.objects if not 0 <= k < OBJECTS + UNTOUCHED]:
         raise ConfigError(f"There is no object {wrong[0]}; there are 0 to {OBJECTS + UNTOUCHED - 1}.")
-    if given.jobs < 1:
-        raise ConfigError(f"--jobs {given.jobs} is too few; give 1 or more.")
+    check_jobs(given.jobs)
     changed(scaled(), given.set)
     check_path_tracer()
-    note = {"settings": list(given.set)}
-    kept = given.results / "settings.json"
-    if kept.exists() and read_json(kept) != note:
-        raise ConfigError(f"{given.results} holds scores of other settings; name a new folder.")
-    given.results.mkdir(parents=True, exist_ok=True)
+    begin(given.results, {"settings": list(given.set)}, "scores of other settings")
     given.scenes.mkdir(parents=True, exist_ok=True)
-    write_json(kept, note)
     calls = [(given.scenes, given.results, number, given.set) for number in given.objects]
     for done, name in enumerate(side_by_side(measure, calls, given.jobs), start=1):
         print(f"{done} of {len(calls)}: {name}", flush=True)

@@ -1,14 +1,36 @@
-"""Work in processes side by side, each with one thread, so that several of them do not wait for each other."""
+"""Work in processes side by side, into a folder that holds work of one kind, so that a second call can go on.
+
+Each process has one thread, so that several of them do not wait for each other.
+"""
 
 import contextlib
 import multiprocessing
 import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
 from typing import Any, TypeVar
+
+from lightprobe.core.errors import ConfigError
+from lightprobe.core.files import read_json, write_json
 
 Result = TypeVar("Result")
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OMP_WAIT_POLICY": "passive", "NUMBA_NUM_THREADS": "1"}
+
+
+def check_jobs(jobs: int) -> None:
+    """Raise `ConfigError` for a number of processes that can do no work."""
+    if jobs < 1:
+        raise ConfigError(f"--jobs {jobs} is too few; give 1 or more.")
+
+
+def begin(folder: Path, settings: dict[str, Any], others: str) -> None:
+    """Note in a folder, which is made, with what settings it is filled; raise `ConfigError` where it holds `others`."""
+    kept = folder / "settings.json"
+    if kept.exists() and read_json(kept) != settings:
+        raise ConfigError(f"{folder} holds {others}; name a new folder.")
+    folder.mkdir(parents=True, exist_ok=True)
+    write_json(kept, settings)
 
 
 @contextlib.contextmanager
