@@ -47,7 +47,7 @@ FAKE = """
 PNG = b"\x89PNG\r\n\x1a\n and no more"
 
 
-def fake_worker(config, assignment):
+def fake_worker(runs, config, assignment):
     """Return the command of a worker that computes nothing."""
     return sys.executable, "-S", "-c", textwrap.dedent(FAKE)
 

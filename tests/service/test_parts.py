@@ -2,6 +2,7 @@
 
 import json
 import logging
+from pathlib import Path
 
 import pytest
 
@@ -42,8 +43,8 @@ def test_workers_that_do_not_fit_are_refused(devices, workers, words):
 
 def test_a_worker_is_told_its_limits():
     (one,) = assignments((), 1, cores=3)
-    command = worker_arguments(ServiceConfig(cache_memory=0.5, max_megapixels=2), one)
-    assert command[-4:] == ("cpu", "3", str(2**29), "2000000")
+    command = worker_arguments(Path("runs"), ServiceConfig(cache_memory=0.5, max_megapixels=2), one)
+    assert command[-5:] == ("runs", "cpu", "3", str(2**29), "2000000")
 
 
 @pytest.mark.parametrize(

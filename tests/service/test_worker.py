@@ -104,6 +104,17 @@ def test_too_many_pixels_are_refused_before_they_are_decoded(asked, tmp_path):
         worker().answer({**asked, "mask": str(tmp_path / "mask-1.png")}, lambda stage: None)
 
 
+@pytest.mark.slow
+def test_a_first_object_that_cannot_be_used_is_left_to_the_request_for_it(runs, asked, tmp_path):
+    shutil.copytree(runs / "ball", tmp_path / "runs" / "a")
+    (tmp_path / "runs" / "a" / "scene.json").write_text("{")
+    begun = worker()
+    begun.warm_up(tmp_path / "runs")
+    with pytest.raises(InputError, match="scene.json"):
+        begun.answer({**asked, "run": str(tmp_path / "runs" / "a")}, lambda stage: None)
+    assert begun.answer(asked, lambda stage: None)["verdict"]["status"] == "good"
+
+
 def test_a_sentence_says_nothing_of_places_here(asked):
     request = {**asked, "camera": f"{asked['folder']}given-camera.json"}
     sentence = f"{request['photo']} and {request['camera']} for {request['run']}, {request['folder']}x.png."
@@ -118,7 +129,7 @@ def test_the_service_predicts_with_real_workers(runs, tmp_path, monkeypatch):
             served.predict(object="ball", content=photo, sources="false").json() for _ in range(2)
         )
         assert first["files"][0]["base64"] == again["files"][0]["base64"]
-        assert again["seconds"]["load"] == 0
+        assert first["seconds"]["load"] == again["seconds"]["load"] == 0
         (tmp_path / "light.exr").write_bytes(base64.b64decode(first["files"][0]["base64"]))
         assert read_hdr(tmp_path / "light.exr").shape == (64, 128, 3)
         cut = served.predict(object="ball", content=photo[:900])

@@ -7,6 +7,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import torch
 
 from lightprobe.core.config.prediction import UNCHANGED, Method, PredictionOptions
@@ -17,9 +18,14 @@ from lightprobe.jobs.photos import NewPhoto, read_photo
 from lightprobe.jobs.request import LightOptions, Output, PredictRequest
 from lightprobe.prediction import Prediction, Predictor, methods_for, recorded_config
 from lightprobe.scene import Photo
+from lightprobe.scene.frame import Split
+from lightprobe.scene.photo import Pixels
+from lightprobe.scene.record import read_record
 
 if TYPE_CHECKING:  # the package is loaded when a photo is located, and not before
     from lightprobe.localization import Locator
+
+_WARM_UP_SIDE = 128  # pixels of the picture that nobody has taken
 
 
 class Session:
@@ -46,6 +52,19 @@ class Session:
     def locator(self) -> "Locator":
         """What photos of the object are located by; raises `InputError` or `ConfigError` where it is missing."""
         return load_locator(self.run, self.predictor)
+
+    def warm_up(self) -> None:
+        """Load, compile and compute what the first photo would wait for, by a prediction from a grey picture.
+
+        Raises `InputError` for a run without an object, or one whose files cannot be used.
+        """
+        for camera in list(read_record(self.run).cameras[Split.TRAIN.value].values())[:1]:
+            small = camera.within(_WARM_UP_SIDE)
+            grey = np.full((small.height, small.width, 3), 0.2, np.float32)
+            pixels = Pixels.of(grey, np.ones(grey.shape[:2], np.float32))
+            self.predictor.predict(pixels, small, refuse=False, sources=True)
+        if self.run.views_file.is_file():
+            self.locator  # noqa: B018  loaded
 
     def method(self, options: LightOptions) -> Method:
         """Return the method that is asked for, or the run's own."""

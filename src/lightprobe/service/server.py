@@ -123,7 +123,7 @@ def serve(
         tell(
             f"Service: http://{name}:{listening.getsockname()[1]}/   ({_described(assigned)}; end with Ctrl-C)"
         )
-        pool = _pool(config, assigned, telemetry)
+        pool = _pool(folder, config, assigned, telemetry)
         telemetry.watch(pool)
         try:
             limits = (config.deadline, config.upload_seconds, config.uploads)
@@ -137,10 +137,12 @@ def serve(
     )
 
 
-def _pool(config: ServiceConfig, assigned: Sequence[Assignment], telemetry: "Telemetry") -> Pool:
+def _pool(
+    runs: Path, config: ServiceConfig, assigned: Sequence[Assignment], telemetry: "Telemetry"
+) -> Pool:
     def new_process(number: int) -> WorkerProcess:
         return WorkerProcess(
-            worker_arguments(config, assigned[number]),
+            worker_arguments(runs, config, assigned[number]),
             environment=assigned[number].environment,
             on_text=lambda text: telemetry.worker_said(number, text),
         )
@@ -210,7 +212,7 @@ def read_token(path: Path) -> str:
     return token
 
 
-def worker_arguments(config: ServiceConfig, assignment: Assignment) -> tuple[str, ...]:
-    """Return the command of a worker, see `service.worker`."""
+def worker_arguments(runs: Path, config: ServiceConfig, assignment: Assignment) -> tuple[str, ...]:
+    """Return the command of a worker for the objects of the folder `runs`, see `service.worker`."""
     numbers = (assignment.threads, round(config.cache_memory * GIB), round(config.max_megapixels * 1e6))
-    return worker_command("lightprobe.service.worker", assignment.device, *map(str, numbers))
+    return worker_command("lightprobe.service.worker", str(runs), assignment.device, *map(str, numbers))

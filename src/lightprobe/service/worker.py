@@ -3,6 +3,7 @@
 Every result has "worker": what the process keeps and how much.
 """
 
+import contextlib
 import os
 import sys
 from pathlib import Path
@@ -11,10 +12,12 @@ from typing import Any
 import torch
 
 from lightprobe.core.device import resolve_device
-from lightprobe.core.errors import InputError, printable
+from lightprobe.core.errors import InputError, LightprobeError, printable
+from lightprobe.core.failures import reporting_errors
 from lightprobe.core.memory import resident_bytes
 from lightprobe.imaging import image_size
 from lightprobe.jobs import AnswerFiles, PredictRequest, Sessions, predict_photo
+from lightprobe.service.objects import Objects
 from lightprobe.web.uploads import renamed
 from lightprobe.web.worker import Tell, answer_requests
 
@@ -26,6 +29,12 @@ class Worker:
         """Compute on `device` with `threads`; keep `cache` bytes of objects, take photos of up to `max_pixels`."""
         torch.set_num_threads(threads)
         self._sessions, self._max_pixels = Sessions(resolve_device(device), memory=cache), max_pixels
+
+    def warm_up(self, runs: Path) -> None:
+        """Get ready with the first object of a folder; one that cannot be used is left to the request for it."""
+        with contextlib.suppress(LightprobeError), reporting_errors(keep=_keep):
+            for entry in Objects(runs).after("", 1).objects:
+                self._sessions.get(runs / entry.name).warm_up()
 
     def answer(self, task: dict[str, Any], tell: Tell) -> dict[str, Any]:
         """Predict the light in the photo of a task, and write the wanted files into the task's folder.
@@ -74,9 +83,15 @@ def reworded(request: dict[str, Any], sentence: str) -> str:
 
 def main() -> None:
     """Answer requests until there are no more; the arguments are those of `Worker`."""
-    device, threads, cache, max_pixels = sys.argv[1:]
+    runs, device, threads, cache, max_pixels = sys.argv[1:]
     worker = Worker(device, int(threads), int(cache), int(max_pixels))
-    answer_requests(worker.answer, reworded, lambda text: print(printable(text), file=sys.stderr, flush=True))
+    worker.warm_up(Path(runs))
+    answer_requests(worker.answer, reworded, _keep)
+
+
+def _keep(text: str) -> None:
+    """Write an unexpected traceback where the service logs it."""
+    print(printable(text), file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

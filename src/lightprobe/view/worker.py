@@ -95,9 +95,7 @@ def _correct(task: dict[str, Any], tell: Tell) -> dict[str, Any]:
 
 def _load(sessions: Sessions, task: dict[str, Any]) -> dict[str, Any]:
     """Load what the first photo of a run would wait for."""
-    session = sessions.get(task["run"])
-    if session.run.views_file.is_file():
-        session.locator  # noqa: B018  loaded
+    sessions.get(task["run"]).warm_up()
     return {}
 
 
