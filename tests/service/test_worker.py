@@ -110,7 +110,7 @@ def test_a_first_object_that_cannot_be_used_is_left_to_the_request_for_it(runs, 
     (tmp_path / "runs" / "a" / "scene.json").write_text("{")
     begun = worker()
     begun.warm_up(tmp_path / "runs")
-    with pytest.raises(InputError, match="scene.json"):
+    with pytest.raises(InputError, match=r"scene\.json"):
         begun.answer({**asked, "run": str(tmp_path / "runs" / "a")}, lambda stage: None)
     assert begun.answer(asked, lambda stage: None)["verdict"]["status"] == "good"
 
