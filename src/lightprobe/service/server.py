@@ -137,9 +137,7 @@ def serve(
     )
 
 
-def _pool(
-    runs: Path, config: ServiceConfig, assigned: Sequence[Assignment], telemetry: "Telemetry"
-) -> Pool:
+def _pool(runs: Path, config: ServiceConfig, assigned: Sequence[Assignment], telemetry: "Telemetry") -> Pool:
     def new_process(number: int) -> WorkerProcess:
         return WorkerProcess(
             worker_arguments(runs, config, assigned[number]),
