@@ -28,7 +28,7 @@ from turntable_photos import render, write
 
 _SIDE = 400  # pixels of the longer side of the masks that are compared
 _HEAD = (
-    "| scene | registered | rotation, median (deg) | position, median (%) | mask IoU, mean | worst | agreement "
+    "| scene | registered | rotation, median (deg) | position, median (%) | mask IoU, mean | worst | doubtful masks "
     "| seconds | kept | trap |\n| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: | --- | --- |"
 )
 
@@ -125,7 +125,7 @@ def measure(name: str, truth: Truth, work: Path, hinted: bool, chosen: str | Non
     return (
         f"| {name}, {'one mask' if hinted else 'bare'} | {report['registered']} of {report['total']} | "
         f"{np.median(turned):.2f} | {np.median(moved):.2f} | {overlaps.mean():.3f} | {overlaps.min():.3f} | "
-        f"{report['mask_agreement_mean']:.3f} | {seconds:.0f} | {report['kept']['reconstruction']} | "
+        f"{len(report['doubtful_masks'])} | {seconds:.0f} | {report['kept']['reconstruction']} | "
         f"{'named' if report['trap'] else '-'} |"
     )
 

@@ -223,7 +223,7 @@ def _prepared(root: Path) -> None:
     write_nerfstudio(root, views(2))
     (root / ".prepare").mkdir()
     (root / "prepare.json").write_text(
-        json.dumps({"key": "k", "warnings": ["one"], "mask_agreement": {"view_00": 0.9}})
+        json.dumps({"key": "k", "warnings": ["one"], "mask_stability": {"view_00": 0.9}})
     )
     (root / ".prepare" / "written.json").write_text(json.dumps({"view_00": "0" * 32}))
     store_hint(root, "view_00", (1, 2, 30, 40))

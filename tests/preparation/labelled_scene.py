@@ -56,7 +56,7 @@ def labelled_scene(
         hull = Hull((box | block).reshape(empty.occupancy.shape), empty.score, empty.lo, empty.hi)
         shapes = {photo: hull.silhouette(view.camera) for photo, view in views.items()}
         odds = {photo: np.where(shape, np.float32(3), np.float32(-3)) for photo, shape in shapes.items()}
-        return Labelling(hull, odds, shapes)
+        return Labelling(hull, hull, odds, shapes)
 
     labelled = kept_labelled(cache, "k", names, views, make)
     for photo, view in views.items():
@@ -64,11 +64,17 @@ def labelled_scene(
         Image.fromarray(photo_color(view)).save(folder / "images" / f"{names[photo]}.png")
     found = masks_of(labelled, Corrections(), cache)
     write_masks(folder, names, found, (), lambda photo: written_mask(labelled, photo, found.masks[photo]))
-    report = mask_report(labelled, found, ())
+    report = mask_report(labelled, found, (), ())
     words = ["The cameras may stand on their heads.", *mask_warnings(report)]
     write_json(
         folder / "prepare.json",
-        {**report, "labelling": "k", "warnings": words, "without_camera": {"p_9": "blurred"}},
+        {
+            **report,
+            "labelling": "k",
+            "doubtful_cameras": [],
+            "warnings": words,
+            "without_camera": {"p_9": "blurred"},
+        },
     )
     cameras = {names[photo]: own_camera(view.camera, k) for photo, view in views.items()}
     write_transforms(folder / "transforms.json", cameras, {name: f"{name}.png" for name in cameras}, {}, {})

@@ -115,13 +115,14 @@ def test_a_click_on_what_is_as_it_should_be_is_one_sentence_and_changes_nothing(
 def test_what_is_said_of_cameras_stays_and_what_is_said_of_masks_is_said_anew(scene):
     folder, _, _ = scene
     told = report(folder)
-    told["mask_agreement"]["p_0"] = 0.5
+    told["mask_stability"]["p_0"] = 0.5
+    told["doubtful_masks"] = ["p_0"]
     told["warnings"] += mask_warnings(told)
     assert len(told["warnings"]) == 2
     (folder / "prepare.json").write_text(json.dumps(told))
     correct_masks(folder, lambda stage: None)
     assert report(folder)["warnings"] == told["warnings"][:1]
-    assert report(folder)["mask_agreement"]["p_0"] > 0.9
+    assert report(folder)["mask_stability"]["p_0"] > 0.9
 
 
 def test_right_additions_do_not_make_a_scene_doubtful_and_the_grid_grows_once(scene):
@@ -134,7 +135,7 @@ def test_right_additions_do_not_make_a_scene_doubtful_and_the_grid_grows_once(sc
     grid = corrected(labelled.labelling, labelled.views, changes).hull.occupancy
     assert len(grid) == 1.5 * len(labelled.labelling.hull.occupancy)
     correct_masks(folder, lambda stage: None)
-    assert report(folder)["mask_agreement_mean"] > 0.9
+    assert report(folder)["doubtful_masks"] == []
     assert len(report(folder)["warnings"]) == 1
 
 
@@ -246,7 +247,7 @@ def test_a_scene_without_what_was_kept_is_one_sentence(scene, damage):
     if damage == "report":
         (folder / "prepare.json").write_text(json.dumps({**report(folder), "warnings": 3}))
     else:
-        (folder / ".prepare" / {"labelling": "voxels.npz", "color": "photo-p_2.npz"}[damage]).unlink()
+        (folder / ".prepare" / {"labelling": "labels.npz", "color": "photo-p_2.npz"}[damage]).unlink()
     before = files(folder)
     with pytest.raises(InputError, match=r"give its prepare command once more|prepare the scene anew"):
         click_mask(folder, "p_0", (0.5, 0.5), False, lambda stage: None)

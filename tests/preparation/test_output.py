@@ -48,7 +48,7 @@ def prepared(tmp_path):
     choice = SimpleNamespace(kept=kept, trap=None, why="", tried=(), moving=False)
     names = {index: photo.name for index, photo in enumerate(photos)}
     found = Masks(masks, dict.fromkeys(masks, 1.0), {index: f"{index}" for index in masks})
-    cutting = Cutting(choice, Labelled(names, views, Labelling(hull, {}, {})), found, hull)
+    cutting = Cutting(choice, Labelled(names, views, Labelling(hull, hull, {}, {})), found, hull)
     seen = [SimpleNamespace(color=view.color, sharpness=1.0) for view in views.values()]
     steps = []
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lightprobe.preparation.minimum_cut import minimum_cut
-from lightprobe.preparation.outlines import agreement, edge_cut, outlined_mask
+from lightprobe.preparation.outlines import edge_cut, outlined_mask, stability
 from lightprobe.preparation.support_plane import common_plane
 from lightprobe.preparation.voxel_labelling import label_voxels, photo_evidence
 from lightprobe.scene.consistency import overlap
@@ -46,7 +46,8 @@ def test_the_box_is_cut_out_and_no_table_with_it(shoot):
     together = [overlap(masks[photo], truth[photo]) for photo in truth]
     assert min(together) > 0.9
     assert np.mean(together) > np.mean(alone)
-    assert np.mean([agreement(masks[i], found.evidence[i], found.shapes[i]) for i in masks]) > 0.85
+    widest = {i: found.widest.silhouette(views[i].camera) for i in masks}
+    assert np.mean([stability(masks[i], found.shapes[i], widest[i]) for i in masks]) > 0.9
 
 
 @pytest.mark.slow

@@ -18,7 +18,9 @@ from tests.web.answers import sentence
 def prepared(tmp_path):
     folder = tmp_path / "cup"
     write_png(folder / "images" / "a.png", np.full((30, 40, 3), 0.5, np.float32))
-    (folder / "prepare.json").write_text(json.dumps({"mask_agreement": {"a": 0.7}, "warnings": ["Look.", 7]}))
+    (folder / "prepare.json").write_text(
+        json.dumps({"mask_stability": {"a": 0.7}, "doubtful_masks": ["a"], "warnings": ["Look.", 7]})
+    )
     return Sources.of([folder]).scenes[0]
 
 
@@ -38,7 +40,9 @@ def test_a_painted_mask_is_written_at_the_size_of_its_photo(prepared, tmp_path):
     assert mask[:, :19].min() > 0.95
     assert mask[:, 21:].max() < 0.05
     about = prepared.to_json()
-    assert about["photos"] == [{"name": "a", "file": "a.png", "agreement": 0.7, "corrected": False}]
+    assert about["photos"] == [
+        {"name": "a", "file": "a.png", "stability": 0.7, "doubtful": True, "corrected": False}
+    ]
     assert about["warnings"] == ["Look."]
 
 

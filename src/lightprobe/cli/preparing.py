@@ -63,7 +63,7 @@ def prepare(
     report = prepared.report
     lines = [
         f"photos   {report['registered']} of {report['total']} have cameras: {report['kept']['reconstruction']}",
-        f"masks    photos agree about the object at IoU {report['mask_agreement_mean']:.3f}",
+        f"masks    {report['registered'] - len(report['doubtful_masks'])} of {report['registered']} are sure",
         f"up       {report['up']}",
         f"look at  {output / 'contact.png'}",
         f"Next: lightprobe train {shell_word(output)} -o RUN",

@@ -94,10 +94,13 @@ class _Kept:
             raise InputError(
                 f"{scene} was prepared by an older version, or what it kept is gone; give its prepare command once more."
             )
-        numbers = [report.get("mask_agreement_mean")]
-        for key in ("mask_agreement", "hint_box_iou"):
+        numbers = []
+        for key in ("mask_stability", "hint_box_iou"):
             numbers += [*report[key].values()] if isinstance(report.get(key), dict) else [None]
-        told = isinstance(report.get("warnings"), list) and isinstance(report.get("without_camera"), dict)
+        told = all(
+            isinstance(report.get(key), list) for key in ("warnings", "doubtful_masks", "doubtful_cameras")
+        )
+        told = told and isinstance(report.get("without_camera"), dict)
         if not told or not all(isinstance(number, int | float) for number in numbers):
             raise InputError(f"{path} is not as prepare wrote it; {_REMEDY}.")
         sizes = _sizes(scene)
@@ -124,7 +127,7 @@ class _Kept:
             write_masks(
                 scene, names, found, corrections.painted, lambda photo: self._full(photo, found.masks[photo])
             )
-            masks = mask_report(self.labelled, found, corrections.names)
+            masks = mask_report(self.labelled, found, corrections.names, report["doubtful_cameras"])
             before = mask_warnings(report)
             others = [text for text in report["warnings"] if text not in before]
             write_json(scene / _REPORT, {**report, **masks, "warnings": [*others, *mask_warnings(masks)]})
@@ -134,7 +137,7 @@ class _Kept:
                 for name, color in colors.items()
                 if color is not None
             }
-            write_sheet(scene, self.labelled, found, lost)
+            write_sheet(scene, self.labelled, found, masks["doubtful_masks"], lost)
 
     def _full(self, photo: int, mask: np.ndarray) -> np.ndarray:
         """Return a mask (h, w) bool at its photo's size, (H, W) float32; of a given one, what is there stays as fine as it is."""

@@ -75,15 +75,15 @@ def corrected(labelling: Labelling, views: Mapping[int, View], changes: Mapping[
 
     Where silhouettes change, the network's evidence is forgotten: it was wrong in one photo, and may be in others.
     """
-    hull = labelling.hull
+    hull, widest = labelling.hull, labelling.widest
     if any(change.added.any() for change in changes.values()):
-        hull = _with_room(hull)
+        hull, widest = _with_room(hull), _with_room(widest)
     for photo, change in changes.items():
         if change.added.any():
             hull = _filled(hull, views[photo].camera, change.added)
     for photo, change in changes.items():
         if change.removed.any():
-            hull = _emptied(hull, views[photo].camera, change.removed)
+            hull, widest = (_emptied(each, views[photo].camera, change.removed) for each in (hull, widest))
     if hull is labelling.hull:
         return labelling
     shapes = {photo: hull.silhouette(view.camera) for photo, view in views.items()}
@@ -91,7 +91,8 @@ def corrected(labelling: Labelling, views: Mapping[int, View], changes: Mapping[
         photo: np.where(shape == labelling.shapes[photo], labelling.evidence[photo], np.float32(0))
         for photo, shape in shapes.items()
     }
-    return Labelling(hull, evidence, shapes)
+    widest = replace(widest, occupancy=widest.occupancy | hull.occupancy)
+    return Labelling(hull, widest, evidence, shapes)
 
 
 def _emptied(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:

@@ -10,14 +10,14 @@ from lightprobe.core.threads import in_threads
 from lightprobe.imaging import resize_area
 from lightprobe.preparation.cache import Cache, array_key, key_of
 from lightprobe.preparation.corrections import Change, Corrections, corrected
-from lightprobe.preparation.outlines import agreement, outlined_mask
+from lightprobe.preparation.outlines import outlined_mask, stability
 from lightprobe.preparation.salient_object import odds_of_bytes, odds_to_bytes
 from lightprobe.preparation.undistortion import small_mask, undistorted
 from lightprobe.preparation.voxel_labelling import Labelling, View
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
-_STEP = "voxels"
+_STEP = "labels"
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Masks:
     """Masks of photos, by their index."""
 
     masks: dict[int, np.ndarray]  # (h, w) bool, small, as through a pinhole
-    agreement: dict[int, float]  # as in `outlines.agreement`
+    stability: dict[int, float]  # as in `outlines.stability`
     keys: dict[int, str]  # of all that each mask, in its photo's pixels, depends on
 
 
@@ -50,6 +50,7 @@ def kept_labelled(
     def arrays() -> dict[str, np.ndarray]:
         made = make()
         found = {"occupancy": made.hull.occupancy, "lo": made.hull.lo, "hi": made.hull.hi}
+        found["widest"] = made.widest.occupancy
         found["photos"] = np.array(list(views), np.int64)
         found["names"] = np.array([names[photo] for photo in views])
         found["cameras"] = np.array([json.dumps(view.camera.to_json()) for view in views.values()])
@@ -90,9 +91,12 @@ def read_labelled(cache: Cache, key: str) -> Labelled | None:
 
 
 def _labelling(kept: Mapping[str, np.ndarray]) -> Labelling:
-    hull = Hull(kept["occupancy"], kept["occupancy"].astype(np.float32), kept["lo"], kept["hi"])
+    hull, widest = (
+        Hull(kept[name], kept[name].astype(np.float32), kept["lo"], kept["hi"])
+        for name in ("occupancy", "widest")
+    )
     odds = {int(photo): odds_of_bytes(kept[f"odds-{photo}"]) for photo in kept["photos"]}
-    return Labelling(hull, odds, {photo: kept[f"shape-{photo}"] for photo in odds})
+    return Labelling(hull, widest, odds, {photo: kept[f"shape-{photo}"] for photo in odds})
 
 
 def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Masks:
@@ -110,10 +114,10 @@ def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Mask
     found = _outlines(labelled, labelling, views, cache, "mask")
     for photo, change in changes.items():
         own = painted[photo] if photo in painted else (found[photo].mask | change.added) & ~change.removed
-        found[photo] = _Outline(own, found[photo].agreement, key_of(array_key(own)))
+        found[photo] = _Outline(own, found[photo].stability, key_of(array_key(own)))
     return Masks(
         {photo: each.mask for photo, each in found.items()},
-        {photo: each.agreement for photo, each in found.items()},
+        {photo: each.stability for photo, each in found.items()},
         {photo: key_of(each.key, views[photo].camera.to_json().get("lens")) for photo, each in found.items()},
     )
 
@@ -121,7 +125,7 @@ def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Mask
 @dataclass(frozen=True)
 class _Outline:
     mask: np.ndarray  # (h, w) bool
-    agreement: float
+    stability: float
     key: str
 
 
@@ -132,17 +136,18 @@ def _outlines(
 
     def work(photo: int) -> _Outline:
         view, evidence, shape = labelled.views[photo], labelling.evidence[photo], labelling.shapes[photo]
+        widest = labelling.widest.silhouette(view.camera)
 
         def make() -> dict[str, np.ndarray]:
             return {"mask": outlined_mask(view, evidence, shape)}
 
         if view.fixed and view.given is not None:
-            return _Outline(view.given, agreement(view.given, evidence, shape), key_of(array_key(view.given)))
+            return _Outline(view.given, stability(view.given, shape, widest), key_of(array_key(view.given)))
         key = key_of(
             *(None if each is None else array_key(each) for each in (view.color, evidence, shape, view.given))
         )
         mask = cache.arrays(f"{step}-{labelled.names[photo]}", key, make)["mask"]
-        return _Outline(mask, agreement(mask, evidence, shape), key)
+        return _Outline(mask, stability(mask, shape, widest), key)
 
     return dict(zip(photos, in_threads(work, photos), strict=True))
 

@@ -27,12 +27,13 @@ def outlined_mask(view: View, evidence: np.ndarray, shape: np.ndarray) -> np.nda
     return edge_cut(view.color, photo_weight(view, evidence, shape) * evidence, shape)
 
 
-def agreement(mask: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> float:
-    """Return the lower IoU of a mask (h, w): with what its photo alone shows of the object, and with what all show.
+def stability(mask: np.ndarray, shape: np.ndarray, widest: np.ndarray) -> float:
+    """Return how little a mask (h, w) hangs on how photos are weighed: 1 not at all, 0 where it shows no voxel.
 
-    Pixels whose evidence is 0 say nothing.
+    shape, widest (h, w) bool: the silhouettes of the voxels, and of those that votes for the object would make if they
+    counted three times. The lower IoU of the silhouette with the mask, and with the widest.
     """
-    return min(overlap(mask & (evidence != 0), evidence > 0), overlap(mask, shape))
+    return min(overlap(mask, shape), overlap(widest, shape)) if shape.any() else 0.0
 
 
 def edge_cut(color: np.ndarray, evidence: np.ndarray, shape: np.ndarray) -> np.ndarray:

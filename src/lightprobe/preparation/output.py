@@ -84,9 +84,8 @@ def write_scene(
     lost = _lost(photos, seen, matches, cutting)
     report = {**_report(photos, cutting, up, scale, lost), "key": key}
     colors = {photo.name: each.color for photo, each in zip(photos, seen, strict=True) if photo.name in lost}
-    write_sheet(
-        output, cutting.labelled, cutting.found, {name: (colors[name], why) for name, why in lost.items()}
-    )
+    without = {name: (colors[name], why) for name, why in lost.items()}
+    write_sheet(output, cutting.labelled, cutting.found, report["doubtful_masks"], without)
     write_json(output / "prepare.json", report)
     cameras = {photos[i].name: through_lens(camera, bends[i]) for i, camera in full.items()}
     groups = {photos[i].name: place for i, place in cutting.places.items()}
@@ -189,7 +188,9 @@ def _report(
     photos: Sequence[SourcePhoto], cutting: Cutting, up: Up, scale: Mapping[str, Any], lost: Mapping[str, str]
 ) -> dict[str, Any]:
     kept = cutting.choice.kept
-    masks = mask_report(cutting.labelled, cutting.found, cutting.corrections.names)
+    unsure = cutting.labelled.views if _all_doubtful(cutting) else doubtful_cameras(cutting)
+    doubtful = [photos[i].name for i in unsure]
+    masks = mask_report(cutting.labelled, cutting.found, cutting.corrections.names, doubtful)
     return {
         "registered": len(cutting.labelled.views),
         "total": len(photos),
@@ -199,7 +200,7 @@ def _report(
         "why": cutting.choice.why,
         "points_where_they_should_be": {photos[i].name: round(v, 3) for i, v in kept.share.items()},
         "places": {photos[i].name: place for i, place in cutting.places.items()},
-        "doubtful_cameras": [photos[i].name for i in doubtful_cameras(cutting)],
+        "doubtful_cameras": doubtful,
         "trap": cutting.choice.trap,
         "tried": [candidate.to_json() for candidate in cutting.choice.tried],
         "reprojection_error_px": float(kept.solution.errors.mean()) if len(kept.solution.errors) else None,
@@ -224,10 +225,9 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up) -> list[s
             f"{len(unsure)} cameras may be wrong: those of {', '.join(unsure[:4])}; their photos show few of the object's "
             "points where they should be."
         )
-    explained = cutting.choice.kept.fit.explained
-    if explained < EXPLAINED and cutting.choice.trap is None:
+    if _all_doubtful(cutting):
         found.append(
-            f"All cameras are doubtful: they explain {explained:.0%} of the matches on the object only. Take photos less "
+            f"All cameras are doubtful: they explain {cutting.choice.kept.fit.explained:.0%} of the matches on the object only. Take photos less "
             "than 20 degrees apart, or with more of what stands still in each place."
         )
     for group in cutting.choice.kept.apart:
@@ -238,6 +238,10 @@ def _warnings(photos: Sequence[SourcePhoto], cutting: Cutting, up: Up) -> list[s
                 "photos between the two, or prepare these by themselves."
             )
     return found
+
+
+def _all_doubtful(cutting: Cutting) -> bool:
+    return cutting.choice.kept.fit.explained < EXPLAINED and cutting.choice.trap is None
 
 
 def doubtful_cameras(cutting: Cutting) -> list[int]:

@@ -24,7 +24,7 @@ from lightprobe.preparation.upright import parse_up
 
 OnProgress = Callable[[str, int, int], None]
 
-_EDITION = 5  # raised when finished scenes would come out otherwise: the same command then makes them anew
+_EDITION = 6  # raised when finished scenes would come out otherwise: the same command then makes them anew
 _LOCK = "lock"  # in the hidden folder, from when `output` was found to be empty
 
 

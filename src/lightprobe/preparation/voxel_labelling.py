@@ -10,6 +10,9 @@ r is one half at first; deep inside the silhouette of the labels so far other vo
 labels are the minimum cut between the sums of votes and the area of the boundary (Campbell, Vogiatzis, Hernandez,
 Cipolla 2010). Then the network looks closer, at details around the silhouettes, and photos whose object is not where
 the others have it lose their weight. `outlines` makes masks of the silhouettes.
+
+What most photos take for background is lost. How near a part was to being kept shows when votes for the object count
+three times: silhouettes that grow much then are not to be trusted.
 """
 
 from collections.abc import Callable, Mapping
@@ -34,6 +37,7 @@ _MARGIN = 0.35  # of a silhouette's longer side around it: the network wants to 
 _BOX_STEP = 16  # pixels that boxes are widened to: a silhouette that hardly changes has the same detail
 _TRUST = 2.0  # times the odds in votes: few photos look through a hole, and for all others it is filled
 _AGAINST = 3.0  # most that one photo counts against a voxel
+_GENEROUS = 3.0  # times that votes for a voxel count in the widest labelling
 _SHOWS, _SHOWS_DEEP = 0.5, 0.999  # r at and outside the silhouette, and deep inside it
 _DEEP = 0.04  # of the silhouette's size: half as deep r begins to rise, and is _SHOWS_DEEP
 _SOLID = 1.0  # vote for a voxel from each of _CORE voxels between it and the surface: no photo looks at it
@@ -67,6 +71,7 @@ class Labelling:
     """The object's voxels, and what single photos say of their pixels."""
 
     hull: Hull
+    widest: Hull  # of the same grid: had votes for the object counted three times
     evidence: dict[int, np.ndarray]  # L (h, w) by photo
     shapes: dict[int, np.ndarray]  # (h, w) bool by photo: the silhouettes of the voxels
 
@@ -100,8 +105,9 @@ def label_voxels(
     volume.tighten()
     for _ in range(2):
         volume.label()
+    widest = volume.cut(_GENEROUS)
     on_round(3, total)
-    return Labelling(volume.hull, volume.evidence, volume.shapes)
+    return Labelling(volume.hull, widest, volume.evidence, volume.shapes)
 
 
 def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int, np.ndarray]:
@@ -181,18 +187,22 @@ class _Volume:
 
     def label(self) -> None:
         """Label the voxels anew."""
-        votes, seen = self._votes()
+        self.hull = self.cut()
+        self.shapes = {photo: self.hull.silhouette(view.camera) for photo, view in self._views.items()}
+
+    def cut(self, favour: float = 1.0) -> Hull:
+        """Return the voxels' labels by what the labels so far show. favour: times that votes for the object count."""
+        votes, seen = self._votes(favour)
         solid = _SOLID * np.clip(depth_inside(self.hull.occupancy) - 1, 0, _CORE)
         evidence = np.tanh((votes + solid) / _ENOUGH)
         evidence[self._outside | (seen < max(2, _SEEN * len(self._views)))] = -CERTAIN
         occupied = minimum_cut(evidence, _AREA, _STEPS, self.hull.voxel.tolist())
         occupied = _main_pieces(scipy.ndimage.binary_fill_holes(occupied))
-        self.hull = replace(self.hull, occupancy=occupied, score=evidence.astype(np.float32))
-        self.shapes = {photo: self.hull.silhouette(view.camera) for photo, view in self._views.items()}
+        return replace(self.hull, occupancy=occupied, score=evidence.astype(np.float32))
 
-    def _votes(self) -> tuple[np.ndarray, np.ndarray]:
+    def _votes(self, favour: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the sum of votes for each voxel and the number of photos that see it, (N, N, N) both."""
-        ballots = in_threads(self._ballots, self._views)
+        ballots = in_threads(lambda photo: self._ballots(photo, favour), self._views)
         votes, seen = self._sums(dict(zip(self._views, ballots, strict=True)))
         return votes / _SCALE, seen
 
@@ -205,7 +215,7 @@ class _Volume:
         grid = self.hull.lo, self.hull.voxel, len(self.hull.occupancy)
         return vote_on_voxels(projections, sizes, starts, cast, *grid)
 
-    def _ballots(self, photo: int) -> np.ndarray:
+    def _ballots(self, photo: int, favour: float) -> np.ndarray:
         """Return a photo's votes (h, w) int8."""
         evidence, shape = self.evidence[photo], self.shapes.get(photo)
         shows = np.full(evidence.shape, _SHOWS)
@@ -213,6 +223,7 @@ class _Volume:
             width = max(2.0, _DEEP * np.sqrt(shape.sum()))
             shows += (_SHOWS_DEEP - _SHOWS) * np.clip(depth_inside(shape) / width - 1, 0, 1)
         votes = np.maximum(-np.log(shows + (1 - shows) * np.exp(-_TRUST * evidence)), -_AGAINST)
+        votes *= np.where(votes > 0, favour, 1.0)
         weight = 1.0 if shape is None else photo_weight(self._views[photo], evidence, shape)
         return np.round(votes * weight * _SCALE).astype(np.int8)
 

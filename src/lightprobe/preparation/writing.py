@@ -20,7 +20,6 @@ from lightprobe.scene.support import SupportPlane
 
 _LINE = (255, 60, 0)  # sRGB of the outline
 GOOD, DOUBTFUL, LOST = (220, 220, 220), (255, 200, 0), (255, 90, 90)  # sRGB of captions
-LOW_AGREEMENT = 0.85  # of a photo with all, below which its mask is doubtful: a third of these is wrong
 _CELL = 200  # pixels of a contact sheet's pictures
 
 
@@ -32,10 +31,9 @@ def outlined(color: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return picture
 
 
-def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, agreement: float) -> Cell:
-    """Return the cell of a photo (h, w, 3) uint8 with a camera, its mask (h, w) and its agreement with all."""
-    kind = DOUBTFUL if agreement < LOW_AGREEMENT else GOOD
-    return Cell(f"{name} {agreement:.2f}", outlined(color, mask), kind)
+def photo_cell(name: str, color: np.ndarray, mask: np.ndarray, stability: float, doubtful: bool) -> Cell:
+    """Return the cell of a photo (h, w, 3) uint8 with a camera, and its mask (h, w)."""
+    return Cell(f"{name} {stability:.2f}", outlined(color, mask), DOUBTFUL if doubtful else GOOD)
 
 
 def lost_cell(name: str, color: np.ndarray, reason: str) -> Cell:

@@ -60,11 +60,12 @@ class SceneSource:
         return inside(self.folder, f"masks/{self.image(index).stem}.png", source=self.folder / PREPARED)
 
     def to_json(self) -> dict[str, Any]:
-        """Return what the page lists: photos with the agreement of mask and hull, warnings, the drawn box."""
+        """Return what the page lists: photos with the stability of the mask, warnings, the drawn box."""
         report = read_json(self.folder / PREPARED) if self.prepared else {}
         report = report if isinstance(report, dict) else {}
-        agreement = report.get("mask_agreement")
-        agreement = agreement if isinstance(agreement, dict) else {}
+        stability, doubtful = report.get("mask_stability"), report.get("doubtful_masks")
+        stability = stability if isinstance(stability, dict) else {}
+        doubtful = doubtful if isinstance(doubtful, list) else []
         corrected = corrected_names(self.folder) if self.prepared else []
         return {
             "name": self.folder.resolve().name,
@@ -74,7 +75,8 @@ class SceneSource:
                 {
                     "name": path.stem,
                     "file": path.name,
-                    "agreement": agreement.get(path.stem),
+                    "stability": stability.get(path.stem),
+                    "doubtful": path.stem in doubtful,
                     "corrected": path.stem in corrected,
                 }
                 for path in self.images()

@@ -50,7 +50,7 @@ async function openScene(index) {
   take(index, told);
   held = null;
   page.about = scene.prepared
-    ? "Photos whose mask disagrees most with the others come first. Click on what is the object but left out, or on what is not but taken for it; all photos follow in seconds."
+    ? "Doubtful masks come first. Click on what is the object but left out, or on what is not but taken for it; all photos follow in seconds."
     : "This folder has no masks yet. Draw a box around the object in one photo, and prepare the scene with it.";
   buildTools();
   page.command.replaceChildren(...(scene.hint ? [el("p", { className: "quiet", textContent: `A box is kept: ${scene.hint}` })] : []));
@@ -61,15 +61,14 @@ async function openScene(index) {
 /** Take what the server tells of a scene. */
 function take(index, told) {
   scene = { index, ...told, now: Date.now() };
-  scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => (a.agreement ?? 2) - (b.agreement ?? 2));
+  scene.order = scene.photos.map((photo, number) => ({ ...photo, number })).sort((a, b) => b.doubtful - a.doubtful || (a.stability ?? 2) - (b.stability ?? 2));
 }
 
 function listShots() {
   const warnings = scene.warnings.map((text) => el("p", { className: "verdict doubtful", textContent: text }));
   page.notes.replaceChildren(el("p", { textContent: page.about }), ...warnings);
   page.shots.replaceChildren(...scene.order.map((photo) => {
-    const agreement = photo.agreement === null || photo.agreement === undefined ? "" : `, agreement ${photo.agreement.toFixed(2)}`;
-    const words = `${photo.name}${agreement}${photo.corrected ? ", corrected" : ""}`;
+    const words = `${photo.name}${photo.doubtful ? ", doubtful" : ""}${photo.corrected ? ", corrected" : ""}`;
     const button = el("button", { type: "button", onclick: () => guarded(() => openPhoto(photo.number)) }, el("img", { src: `/api/scenes/${scene.index}/photos/${photo.number}/thumbnail?now=${scene.now}`, alt: "", loading: "lazy" }), words);
     if (photo.number === held?.photo) button.setAttribute("aria-current", "true");
     return el("li", {}, button);
