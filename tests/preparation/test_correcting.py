@@ -1,15 +1,19 @@
 """A click or a painted mask in one photo corrects the masks of all, and can be taken back."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from lightprobe.core.errors import InputError
 from lightprobe.imaging import read_mask, write_mask
 from lightprobe.preparation import correcting
+from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.correcting import click_mask, correct_masks, forget_correction
-from lightprobe.preparation.corrections import Change, clicked_region, corrected
+from lightprobe.preparation.corrections import Change, Corrections, clicked_region, corrected
+from lightprobe.preparation.labelled import masks_of
 from lightprobe.preparation.mask_report import mask_warnings
 from lightprobe.preparation.undistortion import small_mask
 from lightprobe.scene.consistency import overlap
@@ -252,3 +256,30 @@ def test_a_scene_without_what_was_kept_is_one_sentence(scene, damage):
     with pytest.raises(InputError, match=r"give its prepare command once more|prepare the scene anew"):
         click_mask(folder, "p_0", (0.5, 0.5), False, lambda stage: None)
     assert files(folder) == before
+
+
+def test_the_mask_of_a_hint_brings_what_all_photos_lose_and_no_rim_of_it(scene, tmp_path):
+    _, labelled, truth = scene
+    loose = scipy.ndimage.binary_dilation(truth[1], iterations=2)
+    hinted = {**labelled.views, 1: replace(labelled.views[1], given=loose, fixed=False)}
+    before = masks_of(labelled, Corrections(), Cache(tmp_path / "a")).masks
+    after = masks_of(replace(labelled, views=hinted), Corrections(), Cache(tmp_path / "b")).masks
+    better = [overlap(after[photo], mask) - overlap(before[photo], mask) for photo, mask in truth.items()]
+    assert np.mean(better) > 0.05
+    assert not Change.hinted(before[1], scipy.ndimage.binary_dilation(before[1], iterations=2)).added.any()
+
+
+def test_what_is_added_lies_where_votes_nearly_sufficed(scene):
+    _, labelled, truth = scene
+    found = labelled.labelling
+    centers = found.hull.centers(np.ones_like(found.hull.occupancy))
+    lid = (np.abs(centers) <= HALF).all(axis=1).reshape(found.hull.occupancy.shape)
+    widest = replace(found.hull, occupancy=found.hull.occupancy | lid)
+    change = Change.painted(found.shapes[1] & truth[1], truth[1])
+
+    def stray(labelling):
+        grid = corrected(labelling, labelled.views, {1: change}).hull.occupancy
+        more = (len(grid) - len(lid)) // 2
+        return (grid[(slice(more, -more),) * 3] & ~widest.occupancy).sum()
+
+    assert stray(replace(found, widest=widest)) < 0.2 * stray(found)

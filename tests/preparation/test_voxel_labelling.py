@@ -63,6 +63,29 @@ def test_nothing_outside_of_a_hint_is_left_and_a_fixed_mask_stays(shoot):
     assert found.hull.silhouette(views[3].camera)[:, : SIZE // 2 - 8].sum() == 0
 
 
+@pytest.mark.slow
+def test_masks_are_unstable_where_photos_are_torn_about_a_part(shoot):
+    views, truth, _, solution = shoot
+    right, torn = photo_evidence(views), photo_evidence(views)
+    for photo in list(torn)[: 2 * len(views) // 3]:  # the network takes the upper half for background
+        upper = np.arange(SIZE)[:, None] < np.median(np.nonzero(truth[photo])[0])
+        torn[photo] = np.where(upper & truth[photo], -np.abs(torn[photo]), torn[photo])
+
+    def mean(evidence):
+        found = label_voxels(
+            views, evidence, solution.points[BOX], look=lambda photo, color, box: evidence[photo]
+        )
+        widest = {i: found.widest.silhouette(views[i].camera) for i in views}
+        return np.mean([stability(found.shapes[i], found.shapes[i], widest[i]) for i in views])
+
+    assert mean(torn) < 0.9 < mean(right)
+
+
+def test_a_mask_without_a_voxel_is_not_sure():
+    empty = np.zeros((4, 4), bool)
+    assert stability(empty, empty, empty) == 0
+
+
 def test_a_cut_is_straight_where_little_speaks_against_it():
     evidence = np.where(np.arange(40)[None] < 20, 1.0, -1.0) * np.ones((40, 1))
     noisy = evidence.copy()

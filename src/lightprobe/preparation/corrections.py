@@ -1,7 +1,8 @@
 """What a person corrected in some masks, carried into the voxels, and so into the masks of all photos.
 
 What was taken away shows no object: all voxels on its rays are empty. What was added belongs to the object, and the
-photo does not tell how far away: it is put where its rays come closest to the object, and is as deep as it is wide.
+photo does not tell how far away: there it is where the widest labelling has voxels, else where its rays come closest to the
+object, as deep as it is wide.
 """
 
 from collections.abc import Mapping
@@ -15,7 +16,7 @@ from lightprobe.preparation.features import opencv_library
 from lightprobe.preparation.minimum_cut import minimum_cut
 from lightprobe.preparation.outlines import outline_cost
 from lightprobe.preparation.salient_object import CERTAIN
-from lightprobe.preparation.voxel_labelling import Labelling, View, depth_inside
+from lightprobe.preparation.voxel_labelling import OUTSIDE, Labelling, View, depth_inside
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
@@ -58,11 +59,22 @@ class Change:
     added: np.ndarray
     removed: np.ndarray
 
+    def __or__(self, other: "Change") -> "Change":
+        """Return both changes of one mask as one."""
+        return Change(self.added | other.added, self.removed | other.removed)
+
     @staticmethod
     def painted(before: np.ndarray, after: np.ndarray) -> "Change":
         """Return the change between masks (h, w) bool, without the slivers that come from rounding."""
         pairs = (after & ~before, before & ~after)
         return Change(*(scipy.ndimage.binary_opening(part, _SLIVER) for part in pairs))
+
+    @staticmethod
+    def hinted(before: np.ndarray, hint: np.ndarray) -> "Change":
+        """Return the change from a mask (h, w) bool to a hint's, which may be drawn loosely: only large parts are lacking."""
+        width = round(2 * OUTSIDE * max(hint.shape))
+        lacking = scipy.ndimage.binary_opening(hint & ~before, np.ones((width, width)))
+        return Change(lacking, np.zeros_like(hint))
 
     @staticmethod
     def clicked(signs: np.ndarray) -> "Change":
@@ -80,7 +92,9 @@ def corrected(labelling: Labelling, views: Mapping[int, View], changes: Mapping[
         hull, widest = _with_room(hull), _with_room(widest)
     for photo, change in changes.items():
         if change.added.any():
-            hull = _filled(hull, views[photo].camera, change.added)
+            hull = _with_likely(hull, widest, views[photo].camera, change.added)
+            missing = change.added & ~hull.silhouette(views[photo].camera)
+            hull = _filled(hull, views[photo].camera, missing)
     for photo, change in changes.items():
         if change.removed.any():
             hull, widest = (_emptied(each, views[photo].camera, change.removed) for each in (hull, widest))
@@ -98,17 +112,30 @@ def corrected(labelling: Labelling, views: Mapping[int, View], changes: Mapping[
 def _emptied(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:
     """Return voxels of which none shows in `region` (h, w) bool of a photo."""
     occupancy = hull.occupancy.copy()
-    x, y, depth = camera.project(hull.centers(occupancy)).T
+    occupancy[occupancy] = ~_shown(hull.centers(occupancy), camera, region)
+    return replace(hull, occupancy=occupancy)
+
+
+def _with_likely(hull: Hull, widest: Hull, camera: Camera, region: np.ndarray) -> Hull:
+    """Return voxels with those of the widest labelling that `region` (h, w) bool of a photo shows."""
+    likely = widest.occupancy & ~hull.occupancy
+    occupancy = hull.occupancy.copy()
+    occupancy[likely] = _shown(hull.centers(likely), camera, region)
+    return replace(hull, occupancy=occupancy)
+
+
+def _shown(points: np.ndarray, camera: Camera, region: np.ndarray) -> np.ndarray:
+    """Return which points (P, 3) `region` (h, w) bool of a photo shows, (P,) bool."""
+    x, y, depth = camera.project(points).T
     inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
     shown = np.zeros(len(x), bool)
     shown[inside] = region[y[inside].astype(int), x[inside].astype(int)]
-    occupancy[occupancy] = ~shown
-    return replace(hull, occupancy=occupancy)
+    return shown
 
 
 def _filled(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:
     """Return voxels with those that `region` (h, w) bool of a photo shows; where there are none, `hull` as it is."""
-    if not hull.occupancy.any():
+    if not region.any() or not hull.occupancy.any():
         return hull
     away = scipy.ndimage.distance_transform_edt(~hull.occupancy)
     rows, columns = np.nonzero(region)

@@ -13,7 +13,7 @@ from lightprobe.preparation.corrections import Change, Corrections, corrected
 from lightprobe.preparation.outlines import outlined_mask, stability
 from lightprobe.preparation.salient_object import odds_of_bytes, odds_to_bytes
 from lightprobe.preparation.undistortion import small_mask, undistorted
-from lightprobe.preparation.voxel_labelling import Labelling, View
+from lightprobe.preparation.voxel_labelling import Labelling, View, is_box
 from lightprobe.scene.camera import Camera
 from lightprobe.scene.hull import Hull
 
@@ -107,12 +107,19 @@ def masks_of(labelled: Labelled, corrections: Corrections, cache: Cache) -> Mask
     views = labelled.views
     painted = {i: small_mask(told, views[i].camera) for i, told in _told(labelled, corrections.painted)}
     clicked = {i: signs_at(told, views[i].color) for i, told in _told(labelled, corrections.clicked)}
-    first = _outlines(labelled, labelled.labelling, painted, cache, "uncorrected")
-    changes = {photo: Change.painted(first[photo].mask, mask) for photo, mask in painted.items()}
-    changes |= {photo: Change.clicked(signs) for photo, signs in clicked.items() if photo not in painted}
+    hints = {i: view.given for i, view in views.items() if view.given is not None and not view.fixed}
+    hinted = {i: mask for i, mask in hints.items() if i not in painted and not is_box(mask)}
+    first = _outlines(labelled, labelled.labelling, {*painted, *hinted}, cache, "uncorrected")
+    changes = {photo: Change.hinted(first[photo].mask, mask) for photo, mask in hinted.items()}
+    changes |= {photo: Change.painted(first[photo].mask, mask) for photo, mask in painted.items()}
+    for photo, signs in clicked.items():
+        if photo not in painted:
+            change = Change.clicked(signs)
+            changes[photo] = change | changes[photo] if photo in changes else change
     labelling = corrected(labelled.labelling, views, changes)
     found = _outlines(labelled, labelling, views, cache, "mask")
-    for photo, change in changes.items():
+    for photo in {*painted, *clicked}:
+        change = changes[photo]
         own = painted[photo] if photo in painted else (found[photo].mask | change.added) & ~change.removed
         found[photo] = _Outline(own, found[photo].stability, key_of(array_key(own)))
     return Masks(

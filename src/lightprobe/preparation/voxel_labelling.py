@@ -47,8 +47,8 @@ _AREA = 0.35  # cost of a face; a rod of two by two voxels that are sure pays tw
 _STEPS = 50  # of the cut, after which one voxel in 50 000 changes
 _SCALE = 16.0  # votes are kept as whole multiples of a sixteenth
 _SEEN = 0.1  # of the photos must see a voxel
-_OUTSIDE = 0.02  # of the longer side: this far outside of masks that the user gave is no object
-_FEW_OUTSIDE = 0.1  # of the given masks may err
+OUTSIDE = 0.02  # of the longer side: this far outside of masks that the user gave is no object
+_FEWOUTSIDE = 0.1  # of the given masks may err
 _BOX = 0.98  # of the box around a hint, from which it is a box
 _SPECK = 0.001  # of the largest piece: smaller ones are noise; a ball on an aerial too thin to see is larger
 _NO_WEIGHT = 0.5  # IoU with the silhouette up to which a photo hardly counts,
@@ -121,7 +121,7 @@ def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int,
         if view.given is None:
             return look(photo, view.color, None)
         inside = np.full(view.given.shape, CERTAIN)
-        if not view.fixed and _is_box(view.given):
+        if not view.fixed and is_box(view.given):
             # A hint that tells where the object ends, but not what it is.
             inside = look(photo, view.color, _around(view.given))
         return np.where(view.given, inside, -CERTAIN).astype(np.float32)
@@ -129,7 +129,8 @@ def photo_evidence(views: Mapping[int, View], look: Look = look_at) -> dict[int,
     return dict(zip(views, in_threads(whole, views), strict=True))
 
 
-def _is_box(mask: np.ndarray) -> bool:
+def is_box(mask: np.ndarray) -> bool:
+    """Tell whether a hint (h, w) bool is a box around the object rather than its mask."""
     left, right, top, bottom = box_of_mask(mask) if mask.any() else (0, 0, 0, 0)
     return mask.sum() >= _BOX * max((right - left) * (bottom - top), 1)
 
@@ -157,9 +158,9 @@ class _Volume:
         given = {photo: view.given for photo, view in self._views.items() if view.given is not None}
         if not given:
             return np.zeros(self.hull.occupancy.shape, bool)
-        far = {i: (away(mask) > _OUTSIDE * max(mask.shape)).astype(np.int8) for i, mask in given.items()}
+        far = {i: (away(mask) > OUTSIDE * max(mask.shape)).astype(np.int8) for i, mask in given.items()}
         outside, framed = self._sums(far)
-        return outside > _FEW_OUTSIDE * framed
+        return outside > _FEWOUTSIDE * framed
 
     def tighten(self) -> None:
         """Begin finer voxels around those that are labelled, with their labels."""
