@@ -126,10 +126,9 @@ def _with_likely(hull: Hull, widest: Hull, camera: Camera, region: np.ndarray) -
 
 def _shown(points: np.ndarray, camera: Camera, region: np.ndarray) -> np.ndarray:
     """Return which points (P, 3) `region` (h, w) bool of a photo shows, (P,) bool."""
-    x, y, depth = camera.project(points).T
-    inside = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    shown = np.zeros(len(x), bool)
-    shown[inside] = region[y[inside].astype(int), x[inside].astype(int)]
+    framed, rows, columns, _ = camera.framed(points)
+    shown = np.zeros(len(points), bool)
+    shown[framed] = region[rows, columns]
     return shown
 
 
@@ -163,11 +162,9 @@ def _filled(hull: Hull, camera: Camera, region: np.ndarray) -> Hull:
     at[rows, columns] = middle
     deep[rows, columns] = np.maximum(np.maximum(half, wide), _THIN * hull.voxel.max())
     empty = ~hull.occupancy
-    x, y, depth = camera.project(hull.centers(empty)).T
-    inside = np.flatnonzero((depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height))
-    pixels = y[inside].astype(int), x[inside].astype(int)
-    chosen = np.zeros(len(x), bool)
-    chosen[inside] = region[pixels] & (np.abs(depth[inside] - at[pixels]) <= deep[pixels])
+    inside, *pixels, depth = camera.framed(hull.centers(empty))
+    chosen = np.zeros(empty.sum(), bool)
+    chosen[inside] = region[*pixels] & (np.abs(depth - at[*pixels]) <= deep[*pixels])
     occupancy = hull.occupancy.copy()
     occupancy[empty] = chosen
     return replace(hull, occupancy=occupancy)

@@ -123,7 +123,7 @@ def object_points(
     """
     total, outside = np.zeros(len(solution.points)), np.zeros(len(solution.points), bool)
     for photo, view in views.items():
-        shown, rows, columns = _in_frame(view.camera, solution.points)
+        shown, rows, columns, _ = view.camera.framed(solution.points)
         if view.given is not None:
             outside[shown] |= away(view.given)[rows, columns] > _NEAR * max(view.given.shape)
         values = np.zeros(len(solution.points))
@@ -138,13 +138,6 @@ def object_points(
         )
     distance = np.linalg.norm(solution.points - np.median(solution.points[chosen], axis=0), axis=1)
     return chosen & (distance < _REACH * np.quantile(distance[chosen], 0.9))
-
-
-def _in_frame(camera: Camera, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which points (P, 3) a camera's frame has, (P,) bool, and the rows and columns (K,) of these."""
-    x, y, depth = camera.project(points).T
-    visible = (depth > 0) & (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
-    return visible, y[visible].astype(int), x[visible].astype(int)
 
 
 def _inside(hull: Hull, points: np.ndarray) -> np.ndarray:

@@ -113,6 +113,12 @@ class Camera:
         x, y = self.cx + self.fx * local[:, 0] / safe, self.cy - self.fy * local[:, 1] / safe
         return np.stack([x, y, depth], axis=-1)
 
+    def framed(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """Return which points (N, 3) lie in the frame: indices, pixels' rows and columns, and depths, (K,) each."""
+        x, y, depth = self.project(points).T
+        shown = np.flatnonzero((depth > 0) & (x >= 0) & (y >= 0) & (x < self.width) & (y < self.height))
+        return shown, y[shown].astype(int), x[shown].astype(int), depth[shown]
+
     def to_json(self) -> dict[str, Any]:
         """Return the camera as the JSON that `--camera` reads."""
         return {

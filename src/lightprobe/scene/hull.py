@@ -146,15 +146,12 @@ class _View:
         They tell which points fill a hole that `hull` leaves in the mask, which show beside the object where
         `hull` does not, and which show beside it at all.
         """
-        x, y, depth = self.camera.project(points).T
-        height, width = self.inside.shape
-        seen = np.flatnonzero((depth > 0) & (x >= 0) & (y >= 0) & (x < width) & (y < height))
-        at = y[seen].astype(int), x[seen].astype(int)
+        seen, *at, _ = self.camera.framed(points)
         empty = ~hull.silhouette(self.camera)
         votes = np.zeros((3, len(points)), bool)
         pictures = empty & self.inside, empty & self.outside, self.outside
         for vote, picture in zip(votes, pictures, strict=True):
-            vote[seen] = picture[at]
+            vote[seen] = picture[*at]
         return votes
 
 
