@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from lightprobe.preparation.adjustment import RIGHT, placed
+from lightprobe.preparation.adjustment import RIGHT, _moved_to_points, placed
 from lightprobe.preparation.alignment import followed
 from lightprobe.preparation.features import Features
 from lightprobe.preparation.mapping import Solution
@@ -123,3 +123,43 @@ def test_photos_that_agree_among_themselves_alone_are_left_out_as_a_group(corner
     )
     assert list(found.solution.photo) == list(range(PHOTOS))
     assert found.apart == (tuple(k + PHOTOS for k in twice),)
+
+
+def test_a_photo_whose_pairs_were_not_matched_is_matched_and_placed_before_it_is_given_up(corner):
+    photos, matches, cameras, pictures = corner
+    none = np.zeros((0, 2), np.uint32)
+    pairs = [(i, j) for i in range(PHOTOS) for j in range(i + 1, PHOTOS) if 4 not in (i, j)]
+    known = {pair: matches.get(pair, none) for pair in pairs}
+    start = _solution(cameras, 0.0)
+    others = start.photo != 4
+    start = replace(
+        start, **{name: getattr(start, name)[others] for name in ("photo", "pose", "lens", "size")}
+    )
+    asked = []
+
+    def match_more(pairs):
+        asked.append(pairs)
+        return {pair: matches.get(pair, none) for pair in pairs}
+
+    assert 4 not in placed(photos, known, start, pictures).solution.photo
+    found = placed(photos, known, start, pictures, match_more)
+    assert asked == [[(0, 4), (1, 4), (2, 4), (3, 4), (4, 5), (4, 6), (4, 7), (4, 8)]]
+    assert list(found.solution.photo) == list(range(PHOTOS))
+    assert _errors(found.solution, cameras).max() < 0.15
+    few = {pair: rows for pair, rows in known.items() if len(rows)}
+    assert 4 not in placed(photos, few, start, pictures, match_more).solution.photo
+    assert len(asked) == 1
+
+
+def test_a_camera_that_is_nearly_right_is_moved_to_the_points_that_its_photo_shows(corner):
+    photos, matches, cameras, pictures = corner
+    found = placed(photos, matches, _solution(cameras, 0.0), pictures).solution
+    off = found.pose.copy()
+    off[4, :3, 3] += 0.04 * off[4, :3, 0]  # 5 pixels on the walls
+    before = replace(found, pose=off)
+    moved = _moved_to_points(before, pictures, 4)
+    shown = [followed(each, pictures, 5.0, only=4).share[4] for each in (before, moved)]
+    assert shown[0] < 0.5 < 0.9 < shown[1]
+    assert np.linalg.norm(moved.pose[4, :3, 3] - found.pose[4, :3, 3]) < 0.01
+    noise = np.random.default_rng(0).integers(0, 255, (SIZE, SIZE)).astype(np.uint8)
+    assert _moved_to_points(before, [*pictures[:4], noise, *pictures[5:]], 4) is None

@@ -11,7 +11,7 @@ from lightprobe.preparation import judging, view_graph
 from lightprobe.preparation.adjustment import placed
 from lightprobe.preparation.cache import Cache
 from lightprobe.preparation.features import Features, match_photos
-from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Solution, reconstruct
+from lightprobe.preparation.mapping import FEWEST_MATCHES, Lenses, Matches, Pair, Solution, reconstruct
 
 WHOLE, MOVING, SECOND = "whole photos", "what moves", "what moves against the rest"
 _NEARLY_ALL = 0.9  # of the photos registered: other lenses are not tried then
@@ -111,10 +111,17 @@ def choose(
 
 
 def with_exact_cameras(
-    choice: Choice, photos: Sequence[Features], matches: Matches, pictures: Sequence[np.ndarray]
+    choice: Choice,
+    photos: Sequence[Features],
+    matches: Matches,
+    pictures: Sequence[np.ndarray],
+    match_more: Callable[[list[Pair]], Matches],
 ) -> Choice:
-    """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there."""
-    exact = placed(photos, matches, choice.kept.solution, pictures)
+    """Return a choice whose cameras are placed exactly, as `adjustment.placed` does; arguments as there.
+
+    Where the object moved against its background, `matches` are a part of all, and no more are made.
+    """
+    exact = placed(photos, matches, choice.kept.solution, pictures, None if choice.moving else match_more)
     kept = replace(
         choice.kept,
         solution=exact.solution,

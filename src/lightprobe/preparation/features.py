@@ -219,8 +219,9 @@ def match_photos(
     photos: Sequence[Features],
     allowed: Sequence[np.ndarray] | None = None,
     on_pair: Callable[[int, int], None] = lambda done, total: None,
+    asked: Sequence[tuple[int, int]] | None = None,
 ) -> dict[tuple[int, int], np.ndarray]:
-    """Return the matches (M, 2) uint32 of all pairs worth it, by the features' indices.
+    """Return the matches (M, 2) uint32 of the `asked` pairs (i, j), i < j, or of all worth it, by the features' indices.
 
     allowed: the features (N,) bool of each photo that may be matched; the others cannot take a match from
     these.
@@ -228,7 +229,7 @@ def match_photos(
     everything = [np.ones(len(features.points), bool) for features in photos]
     rows = [np.flatnonzero(flags) for flags in (everything if allowed is None else allowed)]
     chosen = [features.select(kept) for features, kept in zip(photos, rows, strict=True)]
-    pairs, found = likely_pairs(chosen), {}
+    pairs, found = likely_pairs(chosen) if asked is None else asked, {}
     for first in range(0, len(pairs), _AT_ONCE):
         some = pairs[first : first + _AT_ONCE]
         matched = in_threads(lambda pair: match(chosen[pair[0]], chosen[pair[1]]), some)

@@ -13,7 +13,7 @@ from lightprobe.preparation import learned, salient_object
 from lightprobe.preparation.cache import Cache, key_of
 from lightprobe.preparation.features import Box, Features, find_features, match_photos
 from lightprobe.preparation.judging import sampled
-from lightprobe.preparation.mapping import FEWEST_MATCHES
+from lightprobe.preparation.mapping import FEWEST_MATCHES, Matches, Pair
 from lightprobe.preparation.photos import COLOR_SIDE, SourcePhoto, WorkingPictures, copies, working_pictures
 from lightprobe.preparation.salient_object import kept_log_odds
 from lightprobe.preparation.voxel_labelling import box_of_mask, square_around
@@ -143,6 +143,13 @@ def match_all(photos: Sequence[SourcePhoto], seen: Sequence[Seen], cache: Cache,
     )
     parts = np.split(kept["rows"], np.cumsum(kept["counts"])[:-1]) if len(kept["counts"]) else []
     return {(int(i), int(j)): part for (i, j), part in zip(kept["pairs"], parts, strict=True)}
+
+
+def match_pairs(
+    photos: Sequence[SourcePhoto], seen: Sequence[Seen], pairs: Sequence[Pair], on_pair
+) -> Matches:
+    """Return the matches (M, 2) uint32 of some pairs of photos."""
+    return match_photos([each.features for each in seen], _allowed(photos, seen), on_pair, pairs)
 
 
 def _allowed(photos: Sequence[SourcePhoto], seen: Sequence[Seen]) -> list[np.ndarray]:

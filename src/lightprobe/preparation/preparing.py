@@ -14,7 +14,8 @@ from lightprobe.preparation import learned, salient_object
 from lightprobe.preparation.cache import HIDDEN, Cache, array_key, key_of
 from lightprobe.preparation.candidates import Choice, choose, kept_choice, with_exact_cameras
 from lightprobe.preparation.judging import inside_masks, spread
-from lightprobe.preparation.looking import look_at_all, match_all, refuse_copies
+from lightprobe.preparation.looking import look_at_all, match_all, match_pairs, refuse_copies
+from lightprobe.preparation.mapping import Matches, Pair
 from lightprobe.preparation.mask_files import own_corrections
 from lightprobe.preparation.masks import cut_masks
 from lightprobe.preparation.options import PrepareOptions, all_hints, find_photo
@@ -118,6 +119,9 @@ def _work(
     known = {**{index: mask >= 0.5 for index, mask in hints.items()}, **given}
     corrections = own_corrections([photo.name for photo in photos], output)
 
+    def match_more(pairs: list[Pair]) -> Matches:
+        return match_pairs(photos, seen, pairs, lambda done, total: on_progress("more matches", done, total))
+
     def cameras(shown: Mapping[int, np.ndarray]) -> Choice:
         inside = inside_masks(features, shown) if shown else None
         if inside is not None and len(shown) < len(features):
@@ -128,7 +132,7 @@ def _work(
 
         chosen, used = choose(features, matches, focal, inside, seed=options.seed, on_model=on_model)
         on_progress("cameras: placing", 0, 1)
-        return with_exact_cameras(chosen, features, used, [each.grey for each in seen])
+        return with_exact_cameras(chosen, features, used, [each.grey for each in seen], match_more)
 
     choice = kept_choice(cache, "cameras", key_of(_EDITION, keys[0], options.seed), lambda: cameras(given))
     hinted = key_of(_EDITION, keys[0], [photo.name for photo in photos], _checksums(hints), options.seed)
