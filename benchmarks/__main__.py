@@ -6,6 +6,7 @@ import sys
 from lightprobe.core.errors import INTERRUPTED, LightprobeError
 
 MEASUREMENTS = {
+    "adapt": "no measurement: makes scenes of published data sets with true lights",
     "run": "every scene and method trained and scored, into records/ and RESULTS.md",
     "tables": "RESULTS.md from the records alone",
     "speed": "kernels, predictions and training on the CPU, into SPEED.md",
