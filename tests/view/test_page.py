@@ -48,7 +48,7 @@ def scene(tmp_path_factory):
     report = {
         "mask_stability": {"a": 0.95, "b": 0.6},
         "doubtful_masks": ["b"],
-        "warnings": ["1 of 2 masks is doubtful."],
+        "warnings": ["Masks are doubtful in 1 of 2 photos."],
     }
     (folder / "prepare.json").write_text(json.dumps(report))
     return folder
@@ -334,7 +334,7 @@ def paint_a_line(page):
 def test_a_painted_mask_is_saved_where_it_was_painted(page, server, scene, other_scene):
     page.goto(f"{server.url}#masks")
     page.get_by_label("Scene").select_option("1")
-    page.wait_for_selector("text=Photos whose mask")
+    page.wait_for_selector("text=Doubtful masks come first")
     page.wait_for_selector(".shots img[src*='scenes/1']")
     page.get_by_label("Paint: add").check()
     paint_a_line(page)

@@ -43,14 +43,12 @@ def mask_warnings(report: Mapping[str, Any]) -> list[str]:
     if not any(stability.values()):  # no voxel is the object's
         found.append("The masks do not fit together in space; look at contact.png and give a --hint.")
     elif doubtful:
-        remedy = (
-            "correct them with: lightprobe view SCENE"
-            if 2 * len(doubtful) <= len(stability)
-            else "look at contact.png; a --hint tells what the object is"
-        )
+        few = 2 * len(doubtful) <= len(stability)
+        by_hint = "look at contact.png; a --hint tells what the object is"
+        remedy = "correct them with: lightprobe view SCENE" if few else by_hint
         found.append(
-            f"{len(doubtful)} of {len(stability)} masks are doubtful, such as that of {doubtful[0]}: a part may be cut off or "
-            f"added; {remedy}."
+            f"Masks are doubtful in {len(doubtful)} of {len(stability)} photos, such as {doubtful[0]}: a part may be cut off "
+            f"or added; {remedy}."
         )
     for name, value in report["hint_box_iou"].items():
         if value < _LOST_OF_HINT:
@@ -90,7 +88,8 @@ def write_sheet(
 ) -> None:
     """Write contact.png: photos with the outlines of their masks, the doubtful ones first, at last those without camera.
 
-    doubtful: names of photos whose masks are. lost: by name, the colours (h, w, 3) uint8 of a photo without a camera, and why it has none.
+    doubtful: names of photos whose masks are. lost: by name, the colours (h, w, 3) uint8 of a photo without a camera, and why
+    it has none.
     """
     names = labelled.names
     cells = [

@@ -28,7 +28,7 @@ def outlined_mask(view: View, evidence: np.ndarray, shape: np.ndarray) -> np.nda
 
 
 def stability(mask: np.ndarray, shape: np.ndarray, widest: np.ndarray) -> float:
-    """Return how little a mask (h, w) hangs on how photos are weighed: 1 not at all, 0 where it shows no voxel.
+    """Return how little a mask (h, w) depends on how photos are weighed: 1 not at all, 0 where it shows no voxel.
 
     shape, widest (h, w) bool: the silhouettes of the voxels, and of those that votes for the object would make if they
     counted three times. The lower IoU of the silhouette with the mask, and with the widest.

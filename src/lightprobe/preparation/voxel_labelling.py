@@ -48,7 +48,7 @@ _STEPS = 50  # of the cut, after which one voxel in 50 000 changes
 _SCALE = 16.0  # votes are kept as whole multiples of a sixteenth
 _SEEN = 0.1  # of the photos must see a voxel
 OUTSIDE = 0.02  # of the longer side: this far outside of masks that the user gave is no object
-_FEWOUTSIDE = 0.1  # of the given masks may err
+_FEW_OUTSIDE = 0.1  # of the given masks may err
 _BOX = 0.98  # of the box around a hint, from which it is a box
 _SPECK = 0.001  # of the largest piece: smaller ones are noise; a ball on an aerial too thin to see is larger
 _NO_WEIGHT = 0.5  # IoU with the silhouette up to which a photo hardly counts,
@@ -160,7 +160,7 @@ class _Volume:
             return np.zeros(self.hull.occupancy.shape, bool)
         far = {i: (away(mask) > OUTSIDE * max(mask.shape)).astype(np.int8) for i, mask in given.items()}
         outside, framed = self._sums(far)
-        return outside > _FEWOUTSIDE * framed
+        return outside > _FEW_OUTSIDE * framed
 
     def tighten(self) -> None:
         """Begin finer voxels around those that are labelled, with their labels."""
